@@ -1,0 +1,1 @@
+"""icpshap: why is this point cloud registration uncertain?"""
