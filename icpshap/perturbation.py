@@ -1,10 +1,10 @@
 """How the uncertainty sources act on a pair of scans.
 
 The sources act independently of one another and on the raw scans; the ICP chain filters afterwards
-(DESIGN: perturb, then range filter, then subsampling). Every random number comes from a named stream
-of its own, and the same draws serve every setting of a pair (common random numbers): noise is sigma
-times one standard normal draw, xi is sqrt(s) times one draw, and masks are drawn on the rows of the
-raw scan, so that a removed point shifts no other.
+(range filter, then subsampling). Every random number comes from a named stream of its own, and the
+same draws serve every setting of a pair (common random numbers): noise is sigma times one standard
+normal draw, xi is sqrt(s) times one draw, and masks are drawn on the rows of the raw scan, so that a
+removed point shifts no other.
 """
 
 from dataclasses import dataclass, replace
@@ -89,8 +89,8 @@ def reduce_overlap(pair, reduction, order):
     count = round(reduction * len(pair.reference))
     if count > len(order):
         raise PerturbationError(
-            f"partial_overlap {reduction} would remove {count} source points, but only {len(order)} "
-            f"overlap (overlap ratio {pair.overlap:.4f}).\n"
+            f"partial_overlap {reduction} would remove {count} source points, "
+            f"but only {len(order)} overlap (overlap ratio {pair.overlap:.4f}).\n"
             f"Hint: partial_overlap must be at most {len(order) / len(pair.reference):.4f} here."
         )
     kept = np.ones(len(pair.source), dtype=bool)

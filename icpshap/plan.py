@@ -4,7 +4,7 @@ Static: it needs the configuration alone, so that the workflow knows its jobs be
 """
 
 from dataclasses import dataclass
-from itertools import groupby, product
+from itertools import groupby, pairwise, product
 from math import ceil
 
 from icpshap.sources import SOURCES
@@ -27,7 +27,7 @@ def settings(levels, replicates):
     """Every setting that the coalitions of a grid of levels need, each once.
 
     levels maps the name of each uncertainty source to its levels. A coalition puts a source to a
-    level or to its reference value, so the settings are the grid of the levels and reference values.
+    level or to its reference value: the settings are the grid of levels and reference values.
     """
     axes = [sorted({source.off, *levels[source.name]}) for source in SOURCES]
     clean = tuple(source.off for source in SOURCES)
@@ -54,7 +54,7 @@ def jobs(levels, replicates, runs, runs_per_job):
         level = list(level)
         pieces = ceil(len(level) / size)
         bounds = [len(level) * k // pieces for k in range(pieces + 1)]
-        for start, stop in zip(bounds, bounds[1:], strict=False):
+        for start, stop in pairwise(bounds):
             if result[-1] and len(result[-1]) + stop - start > size:
                 result.append([])
             result[-1] += level[start:stop]
