@@ -3,7 +3,7 @@
 The sources act independently of one another and on the raw scans; the ICP chain filters afterwards
 (range filter, then subsampling). Every random number comes from a named stream of its own, and the
 same draws serve every setting of a pair (common random numbers): noise is sigma times one standard
-normal draw, xi is sqrt(s) times one draw, and masks are drawn on the rows of the raw scan, so that a
+normal draw, xi is sqrt(s) times one draw, masks are drawn on the rows of the raw scan, so that a
 removed point shifts no other.
 """
 

@@ -83,7 +83,7 @@ KINDS = ("archive", "folder", "simulated")
 
 @dataclass(frozen=True)
 class Experiment:
-    """Pairs by sequence, and the levels of each uncertainty source; each combination is explained."""
+    """Pairs by sequence, and levels by uncertainty source; every combination is explained."""
 
     name: str
     estimator: str
