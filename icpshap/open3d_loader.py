@@ -1,4 +1,4 @@
-"""Import Open3D on machines without libusb-1.0.so.0 (bare Debian): its library is preloaded first."""
+"""Import Open3D also where libusb-1.0.so.0 is missing (bare Debian): its library is preloaded."""
 
 import ctypes
 
