@@ -17,38 +17,40 @@ from icpshap.sources import NAMES
 from icpshap.tables import INITIAL_XI, TRANSFORM, XI
 
 
-def register_settings(pair, settings, estimator, initial_pose_deviation, overlap_distance, streams):
+def register_settings(pair, settings, registration, perturbation_settings, streams):
     """Run ICP for every run of every setting: the runs table, in the order of the settings.
 
-    pair: perturbation.Pair; settings: list of plan.Setting; estimator: settings.Estimator;
-    initial_pose_deviation (6,): standard deviation of xi at s = 1 [rad, m]; overlap_distance [m];
-    streams: perturbation.Streams of the pair. Raises perturbation.PerturbationError if a setting
-    cannot be applied to the pair.
+    pair: perturbation.Pair; settings: list of plan.Setting; registration: settings.Registration;
+    perturbation_settings: settings.Perturbation; streams: perturbation.Streams of the pair.
+    Raises perturbation.PerturbationError if a setting cannot be applied to the pair.
     """
-    chain = chain_of(estimator)
+    chain = chain_of(registration)
+    deviation = initial_pose_deviation(perturbation_settings)
     tables = defaultdict(list)
     for (branch, sigma), level in _grouped(
-        settings, lambda s: (_branch(s, estimator), s.values[0])
+        settings, lambda s: (_branch(s, registration), s.values[0])
     ):
-        sampler = Sampler(pair, estimator, overlap_distance, streams.branched(branch))
+        sampler = Sampler(
+            pair, registration, perturbation_settings.overlap_distance, streams.branched(branch)
+        )
         for noise_draw, runs in enumerate(
-            np.split(np.arange(estimator.runs), estimator.noise_draws)
+            np.split(np.arange(registration.runs), registration.noise_draws)
         ):
             reference, once_noisy, source = sampler.noisy_clouds(sigma, noise_draw)
-            in_range = icp.minimum_range(reference, estimator.minimum_range)
-            target = icp.Reference(reference[in_range], estimator.normal_neighbours)
+            in_range = icp.minimum_range(reference, registration.minimum_range)
+            target = icp.Reference(reference[in_range], registration.normal_neighbours)
             for reduction, members in _grouped(level, lambda s: s.values[2]):
                 left, kept = sampler.reduce_overlap(once_noisy, source, reduction)
-                usable = kept & icp.minimum_range(left, estimator.minimum_range)
+                usable = kept & icp.minimum_range(left, registration.minimum_range)
                 rows = [sampler.rows(usable, run) for run in runs]
                 starts = [
                     perturbation.initial_poses(
                         pair.T_reference_source,
                         setting.values[1],
                         sampler.initial_pose_draws[runs],
-                        initial_pose_deviation,
-                        estimator.initial_pose_scaling,
-                        estimator.initial_pose_composition,
+                        deviation,
+                        registration.initial_pose_scaling,
+                        registration.initial_pose_composition,
                     )
                     for setting in members
                 ]
@@ -58,29 +60,37 @@ def register_settings(pair, settings, estimator, initial_pose_deviation, overlap
                     part = slice(k * len(runs), (k + 1) * len(runs))
                     frame = _runs_frame(pair, setting, runs, noise_draw, initial_xi, result, part)
                     tables[setting].append(frame)
-    return pd.concat([_with_wrong_basin(tables[setting], estimator) for setting in settings])
+    return pd.concat([_with_wrong_basin(tables[setting], registration) for setting in settings])
 
 
-def chain_of(estimator):
-    """The ICP chain that an estimator's configuration describes."""
+def chain_of(registration):
+    """The ICP chain that a registration's configuration describes."""
     metrics = {"point_to_plane": icp.PointToPlane, "point_to_point": icp.PointToPoint}
     return icp.Chain(
-        error_minimiser=metrics[estimator.metric](),
-        matches=estimator.matches,
-        outlier_filter=icp.Trimmed(estimator.kept_links),
-        maximum_distance=estimator.maximum_distance,
+        error_minimiser=metrics[registration.metric](),
+        matches=registration.matches,
+        outlier_filter=icp.Trimmed(registration.kept_links),
+        maximum_distance=registration.maximum_distance,
         stopping=icp.Stopping(
-            estimator.maximum_iterations, estimator.stop_rotation, estimator.stop_translation
+            registration.maximum_iterations,
+            registration.stop_rotation,
+            registration.stop_translation,
         ),
     )
+
+
+def initial_pose_deviation(perturbation_settings):
+    """Standard deviation of xi (6,) at s = 1 [rad, m]: the square root of Sigma's diagonal."""
+    rotation = np.deg2rad(perturbation_settings.initial_pose_rotation)
+    return np.repeat([rotation, perturbation_settings.initial_pose_translation], 3) / np.sqrt(3)
 
 
 class Sampler:
     """The random draws of a pair, which every setting of one branch of the streams shares."""
 
-    def __init__(self, pair, estimator, overlap_distance, streams):
+    def __init__(self, pair, registration, overlap_distance, streams):
         self.pair = pair
-        self.estimator = estimator
+        self.registration = registration
         self.overlap_distance = overlap_distance
         self.streams = streams
         self.subsample = cache(self._subsample)
@@ -88,7 +98,7 @@ class Sampler:
     @cached_property
     def initial_pose_draws(self):
         """Standard normal (runs, 6); what run r draws does not depend on the number of runs."""
-        return self.streams.generator("initial_pose").standard_normal((self.estimator.runs, 6))
+        return self.streams.generator("initial_pose").standard_normal((self.registration.runs, 6))
 
     @cached_property
     def overlap_order(self):
@@ -104,7 +114,7 @@ class Sampler:
             return self.pair.reference, self.pair.reference, self.pair.source
         reference = self._noisy(self.pair.reference, sigma, f"noise/reference/{noise_draw}")
         source = self._noisy(self.pair.source, sigma, f"noise/source/{noise_draw}")
-        if self.estimator.reference_noise_additions == 1:
+        if self.registration.reference_noise_additions == 1:
             return reference, reference, source
         twice = self._noisy(reference, sigma, f"noise/reference_again/{noise_draw}")
         return twice, reference, source
@@ -114,7 +124,7 @@ class Sampler:
 
     def reduce_overlap(self, reference, source, reduction):
         """Source points (m, 3) after a reduction of the overlap, and a mask (m,) of those left."""
-        if self.estimator.overlap_removal == "noisy":
+        if self.registration.overlap_removal == "noisy":
             source = perturbation.set_overlap(
                 self.pair,
                 reference,
@@ -128,7 +138,7 @@ class Sampler:
 
     def rows(self, usable, run):
         """Source rows of one run: the subsample of the usable ones (m,), ascending."""
-        if self.estimator.subsampling_mask == "frozen_in_order":
+        if self.registration.subsampling_mask == "frozen_in_order":
             usable = np.flatnonzero(usable)
             return usable[self.subsample(len(usable), 0)]
         drawn = self.subsample(len(usable), run if self.redrawn else 0)
@@ -136,19 +146,19 @@ class Sampler:
 
     @property
     def redrawn(self):
-        return self.estimator.subsampling_mask == "redrawn"
+        return self.registration.subsampling_mask == "redrawn"
 
     def _subsample(self, count, mask):
         generator = self.streams.generator(f"subsample/{mask}")
-        return perturbation.subsample(count, self.estimator.subsampling_probability, generator)
+        return perturbation.subsample(count, self.registration.subsampling_probability, generator)
 
 
-def _branch(setting, estimator):
+def _branch(setting, registration):
     """Name of the set of draws that a setting uses; settings with one name share every draw."""
     branch = f"replicate/{setting.replicate}/" if setting.replicate else ""
     if setting.again:
         branch += "again/"
-    if not estimator.common_random_numbers:
+    if not registration.common_random_numbers:
         branch += f"setting/{setting.values}/"
     return branch
 
@@ -168,7 +178,7 @@ def _runs_frame(pair, setting, runs, noise_draw, initial_xi, result, part):
         {
             **dict(zip(NAMES, setting.values, strict=True)),
             "replicate": np.int32(setting.replicate),
-            "again": setting.again,
+            "draws": np.int32(setting.again),
             "run": runs.astype(np.int32),
             "noise_draw": np.int32(noise_draw),
             **dict(zip(INITIAL_XI, initial_xi.T, strict=True)),
@@ -182,11 +192,11 @@ def _runs_frame(pair, setting, runs, noise_draw, initial_xi, result, part):
     )
 
 
-def _with_wrong_basin(parts, estimator):
+def _with_wrong_basin(parts, registration):
     table = pd.concat(parts)
     marks = wrong_basin(
         table[XI].to_numpy(),
-        translation=estimator.wrong_basin_translation,
-        rotation=np.deg2rad(estimator.wrong_basin_rotation),
+        translation=registration.wrong_basin_translation,
+        rotation=np.deg2rad(registration.wrong_basin_rotation),
     )
     return table.assign(wrong_basin=marks)

@@ -41,6 +41,11 @@ def settings(levels, replicates):
     ]
 
 
+def instances(levels):
+    """The perturbations to explain: every combination of the levels, in order."""
+    return list(product(*(levels[source.name] for source in SOURCES)))
+
+
 def jobs(levels, replicates, runs, runs_per_job):
     """The settings of a pair cut into jobs of about `runs_per_job` ICP runs.
 

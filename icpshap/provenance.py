@@ -1,4 +1,4 @@
-"""What a result was made with: a digest of the code it ran through."""
+"""What a result was made with: digests of code and data."""
 
 import ast
 import hashlib
@@ -16,10 +16,18 @@ def code_digest(script):
     for path in sorted(_imported(Path(script), {})):
         tree = ast.parse(path.read_text())
         for node in ast.walk(tree):
-            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and _has_docstring(node):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and _has_docstring(
+                node
+            ):
                 node.body[0].value.value = ""
         digest.update(ast.unparse(tree).encode())
     return digest.hexdigest()[:16]
+
+
+def file_digest(path):
+    """Digest of a file's bytes."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:16]
 
 
 def _imported(path, seen):
@@ -46,7 +54,10 @@ def _files(name):
         return
     for count in range(1, len(parts)):
         folder = LIBRARY.joinpath(*parts[1:count])
-        for path in (folder.joinpath(parts[count]).with_suffix(".py"), folder / parts[count] / "__init__.py"):
+        for path in (
+            folder.joinpath(parts[count]).with_suffix(".py"),
+            folder / parts[count] / "__init__.py",
+        ):
             if path.is_file():
                 yield path
 

@@ -30,8 +30,8 @@ class Perturbation:
 
 
 @dataclass(frozen=True)
-class Estimator:
-    """From a perturbed pair to an uncertainty; each field is the config key of the same name."""
+class Registration:
+    """From a perturbed pair to pose samples; each field is the config key of the same name."""
 
     runs: int
     minimum_range: float
@@ -50,15 +50,27 @@ class Estimator:
     noise_draws: int
     reference_noise_additions: int
     overlap_removal: str
+    common_random_numbers: bool
+    wrong_basin_translation: float
+    wrong_basin_rotation: float
+
+
+@dataclass(frozen=True)
+class Estimator(Registration):
+    """From a perturbed pair to an uncertainty: a registration, and how its samples are read."""
+
     covariance_floor_rotation: float
     covariance_floor_translation: float
     divergence: str
     bias_correction: str
     wrong_basins: str
-    wrong_basin_translation: float
-    wrong_basin_rotation: float
-    common_random_numbers: bool
     interval: str
+
+    @property
+    def registration(self):
+        """The part that decides the pose samples."""
+        keys = Registration.__dataclass_fields__
+        return Registration(**{key: getattr(self, key) for key in keys})
 
 
 @dataclass(frozen=True)

@@ -65,15 +65,16 @@ TABLES = {
             "median_distance",
             "float64",
             "m",
-            "median distance of the overlapping source points to the reference at the true pose",
+            "median distance of source points to the reference at the true pose",
         ),
         Column("registered", "bool", "", "whether the pair is registered"),
         Column("reason", "string", "", "why the pair is not registered"),
+        Column("warning", "string", "", "why the true pose looks wrong"),
     ],
     "runs": [
         *_VALUES,
         Column("replicate", "int32", "", "independent repetition"),
-        Column("again", "bool", "", "second clean sample, with draws of its own"),
+        Column("draws", "int32", "", "0; 1: the second clean sample, with draws of its own"),
         Column("run", "int32", "", "index of the run"),
         Column("noise_draw", "int32", "", "index of the noise draw"),
         *_columns(INITIAL_XI, "float64", _XI_UNITS, "drawn error of the initial pose"),
@@ -134,6 +135,11 @@ def read_points(path):
 def read_poses(path):
     """Poses T_global_scan (n, 4, 4)."""
     return read(path, "poses")[TRANSFORM].to_numpy().reshape(-1, 4, 4)
+
+
+def empty(table):
+    """The named table without rows."""
+    return _schema(table).empty_table().to_pandas()
 
 
 def points_frame(points):

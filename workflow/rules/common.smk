@@ -47,7 +47,7 @@ def experiment_of(wildcards):
 
 
 def estimator_of(wildcards):
-    return asdict(SETTINGS.estimators[experiment_of(wildcards).estimator])
+    return SETTINGS.estimators[experiment_of(wildcards).estimator]
 
 
 def pairs_of(wildcards):
@@ -57,8 +57,12 @@ def pairs_of(wildcards):
 def jobs_of(wildcards):
     """The settings of each job of a pair, in the order of the chunks."""
     experiment = experiment_of(wildcards)
-    runs = SETTINGS.estimators[experiment.estimator].runs
-    return plan.jobs(experiment.levels, experiment.replicates, runs, SETTINGS.runs_per_job)
+    return plan.jobs(
+        experiment.levels,
+        experiment.replicates,
+        estimator_of(wildcards).runs,
+        SETTINGS.runs_per_job,
+    )
 
 
 def selected_sequences(experiment):

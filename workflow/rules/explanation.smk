@@ -33,7 +33,7 @@ rule explain_sequence:
         code=code_digest("explain_sequence"),
         seed=SETTINGS.seed,
         levels=lambda wildcards: experiment_of(wildcards).levels,
-        estimator=estimator_of,
+        estimator=lambda wildcards: asdict(estimator_of(wildcards)),
     script:
         "../scripts/explain_sequence.py"
 

@@ -36,8 +36,8 @@ rule check_pairs:
         code=code_digest("check_pairs"),
         pairs=pairs_of,
         minimum_overlap=SETTINGS.perturbation.minimum_overlap,
-        minimum_range=lambda wildcards: estimator_of(wildcards)["minimum_range"],
-        partial_overlap=lambda wildcards: max(experiment_of(wildcards).levels["partial_overlap"]),
+        minimum_range=lambda wildcards: estimator_of(wildcards).minimum_range,
+        largest_reduction=lambda wildcards: max(experiment_of(wildcards).levels["partial_overlap"]),
     priority: 5
     script:
         "../scripts/check_pairs.py"
@@ -65,7 +65,7 @@ rule run_icp:
         code=code_digest("run_icp"),
         seed=SETTINGS.seed,
         perturbation=asdict(SETTINGS.perturbation),
-        estimator=registration_of,
+        registration=lambda wildcards: asdict(estimator_of(wildcards).registration),
         settings=lambda wildcards: [
             asdict(setting) for setting in jobs_of(wildcards)[int(wildcards.chunk)]
         ],

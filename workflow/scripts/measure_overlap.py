@@ -1,27 +1,19 @@
 """Mark the source points of a pair that overlap with the reference at the true pose."""
 
-import logging
-
-import numpy as np
 import pandas as pd
 
-from icpshap import perturbation, se3, tables
+from icpshap import perturbation, tables
 from icpshap.logs import job_log
+from icpshap.pairs import relative_pose
 
 
-def measure_overlap(reference, source, poses, output, pair, distance):
-    T_global_scan = tables.read_poses(poses)
-    T_reference_source = se3.inverse(T_global_scan[pair[0]]) @ T_global_scan[pair[1]]
+def measure_overlap(reference, source, poses, output, indices, distance):
     reference, source = tables.read_points(reference), tables.read_points(source)
+    T_reference_source = relative_pose(tables.read_poses(poses), *indices)
     distances = perturbation.nearest_distances(reference, source, T_reference_source)
     overlapping = distances <= distance
-    summary = {
-        "overlap": overlapping.sum() / len(reference),
-        "median_distance": np.median(distances[overlapping]) if overlapping.any() else None,
-        "reference_points": len(reference),
-    }
-    logging.info("scans %d and %d: %s", *pair, summary)
-    tables.write(output, pd.DataFrame({"overlapping": overlapping}), "overlap", summary)
+    ratio = overlapping.sum() / len(reference)
+    tables.write(output, pd.DataFrame({"overlapping": overlapping}), "overlap", {"overlap": ratio})
 
 
 if __name__ == "__main__":
