@@ -7,13 +7,14 @@ that the same inputs give the same bytes.
 import json
 import os
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from icpshap.sources import SOURCES
+from icpshap.sources import NAMES, SOURCES
 
 INITIAL_XI = [f"initial_xi_{k}" for k in range(6)]
 XI = [f"xi_{k}" for k in range(6)]
@@ -46,6 +47,47 @@ _PAIR = [
     Column("source", "int32", "", "index of the source scan, which ICP moves"),
 ]
 _VALUES = [Column(s.name, "float64", s.unit, f"{s.title} {s.symbol}") for s in SOURCES]
+# The unit of f and of all that is shared out of it: nats, m or rad, as the divergence says.
+_F = "f"
+_NULL = [
+    Column("null_mean", "float64", _F, "mean of f between independent samples of one distribution"),
+    Column("null_95", "float64", _F, "95 % quantile of f between such samples"),
+]
+_REMARKS = [
+    Column("warning", "string", "", "what makes these numbers doubtful; empty if nothing"),
+    Column("reason", "string", "", "why the pair was not registered; empty if it was"),
+]
+
+
+def _estimate(name, meaning):
+    """A number that is shared out of the runs, with its 95 % interval."""
+    return [
+        Column(name, "float64", _F, meaning),
+        Column(f"{name}_low", "float64", _F, "lower end of its 95 % interval"),
+        Column(f"{name}_high", "float64", _F, "upper end of its 95 % interval"),
+    ]
+
+
+def _variants(name):
+    """The same number, had the runs or the floor been treated otherwise."""
+    return [
+        Column(f"{name}_all", "float64", _F, "with every run kept that did not fail"),
+        Column(f"{name}_right_basin", "float64", _F, "without the runs in a wrong basin"),
+        Column(f"{name}_floor_tenfold", "float64", _F, "with ten times the covariance floor"),
+        Column(f"{name}_floor_tenth", "float64", _F, "with a tenth of the covariance floor"),
+    ]
+
+
+def _shapley(source):
+    name = f"phi_{source.name}"
+    ratio = "variance over whole noise draws divided by the one over runs; NaN with one noise draw"
+    return [
+        *_estimate(name, f"Shapley value of {source.title}: its part of f"),
+        Column(f"{name}_significant", "bool", "", "its interval does not contain 0"),
+        Column(f"{name}_draw_variance_ratio", "float64", "", ratio),
+        *_variants(name),
+    ]
+
 
 TABLES = {
     "scan": _columns(["x", "y", "z"], "float64", "m", "coordinate in the scanner's frame"),
@@ -85,6 +127,65 @@ TABLES = {
         Column("rmse", "float64", "m", "root mean square residual of the kept links"),
         Column("inlier_ratio", "float64", "", "share of the links that were kept"),
         Column("wrong_basin", "bool", "", "far from the setting's median pose"),
+    ],
+    "uncertainty": [
+        *_PAIR,
+        Column("replicate", "int32", "", "independent repetition"),
+        *_VALUES,
+        Column("draws", "int32", "", "0; 1: the second clean sample, with draws of its own"),
+        *_estimate("f", "uncertainty: the divergence from the clean setting"),
+        Column("f_draw_variance_ratio", "float64", "", "as that of phi in the shap table"),
+        Column("kl", "float64", "nats", "KL(clean, perturbed), without bias correction"),
+        *_NULL,
+        Column("n_runs", "int32", "", "registrations that were run"),
+        Column("n_failed", "int32", "", "runs whose status is neither ok nor max_iterations"),
+        Column("n_wrong_basin", "int32", "", "runs in a wrong basin"),
+        Column("n_used", "int32", "", "runs that f is computed from"),
+        Column("logdet", "float64", "", "log determinant of the covariance [rad, m], with floor"),
+        Column("condition", "float64", "", "its condition number, rad and m counted alike"),
+        Column(
+            "smallest_standard_deviation",
+            "float64",
+            "rad or m",
+            "smallest standard deviation over all directions, rad and m counted alike",
+        ),
+        Column(
+            "floor_share", "float64", "", "largest share of the floor in a direction's variance"
+        ),
+        Column("mean_translation_error", "float64", "m", "mean distance to the true translation"),
+        Column("mean_rotation_error", "float64", "rad", "mean angle to the true rotation"),
+        Column("translation_rmse", "float64", "m", "root mean square of that distance"),
+        Column("rotation_rmse", "float64", "rad", "root mean square of that angle"),
+        Column("success_rate", "float64", "", "share of all runs within 0.1 m and 2 degrees"),
+        *_REMARKS,
+    ],
+    "shap": [
+        *_PAIR,
+        Column("instance", "int32", "", "number of the instance"),
+        *_VALUES,
+        Column("base_value", "float64", _F, "f of the clean setting"),
+        *_estimate("f", "uncertainty of the instance: the divergence from the clean setting"),
+        *_variants("f"),
+        *(column for source in SOURCES for column in _shapley(source)),
+        *(
+            column
+            for a, b in combinations(NAMES, 2)
+            for column in _estimate(f"interaction_{a}_{b}", "Shapley interaction index")
+        ),
+        Column(
+            "regression_difference",
+            "float64",
+            "",
+            "largest difference to the regression of Algorithm 1, relative to the largest |phi|",
+        ),
+        Column("f_again", "float64", _F, "f between the two clean samples of the pair"),
+        *_NULL,
+        Column("n_runs", "int32", "", "runs of a setting"),
+        Column("n_used", "int32", "", "runs of a setting that the values are computed from"),
+        Column("n_failed", "int32", "", "runs that failed in a setting of the instance"),
+        Column("n_wrong_basin", "int32", "", "runs in a wrong basin in a setting of the instance"),
+        Column("interval_over", "string", "", "runs, noise draws or replicates"),
+        *_REMARKS,
     ],
 }
 

@@ -9,6 +9,10 @@ from icpshap.sources import NAMES, SOURCES
 
 def explain_sequence(paths, output, sequence, levels, estimator, seed):
     instances = pd.DataFrame(plan.instances(levels), columns=NAMES).rename_axis("instance")
+    fields = explanation.Method.__dataclass_fields__
+    method = explanation.Method(
+        **{key: value for key, value in estimator.items() if key in fields}, seed=seed
+    )
     parts = []
     for pair in tables.read(paths.pairs, "pairs").itertuples():
         chunks = [path for path in paths.runs if f"/{pair.reference}-{pair.source}/" in path]
@@ -17,7 +21,7 @@ def explain_sequence(paths, output, sequence, levels, estimator, seed):
                 pd.concat([tables.read(path, "runs") for path in chunks], ignore_index=True),
                 instances.reset_index(),
                 {source.name: source.off for source in SOURCES},
-                explanation.Method.of(estimator, seed),
+                method,
                 (sequence, pair.reference, pair.source),
                 pair.reason,
             )
