@@ -12,8 +12,8 @@ except settings.SettingsError as error:
 # Jobs are parallel by processes; a library that starts threads of its own only gets in their way.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[variable] = "1"
-os.environ.setdefault("NUMBA_CACHE_DIR", os.path.abspath(".cache/numba"))
-os.environ.setdefault("MPLCONFIGDIR", os.path.abspath(".cache/matplotlib"))
+os.environ.setdefault("NUMBA_CACHE_DIR", f"{workflow.basedir}/.cache/numba")
+os.environ.setdefault("MPLCONFIGDIR", f"{workflow.basedir}/.cache/matplotlib")
 
 
 def keys_of_kind(kind):
