@@ -24,6 +24,6 @@ include: "workflow/rules/report.smk"
 rule all:
     """Everything that the selected experiments make of the selected sequences."""
     default_target: True
-    localrule: True
     input:
         targets(),
+    localrule: True

@@ -3,6 +3,7 @@
 from dataclasses import asdict
 
 from icpshap import plan, provenance, settings
+from icpshap.dataset import DataError, find_folder_files
 
 try:
     SETTINGS = settings.load(config)
@@ -63,6 +64,42 @@ def jobs_of(wildcards):
         estimator_of(wildcards).runs,
         SETTINGS.runs_per_job,
     )
+
+
+def folder_files(wildcards):
+    """Scan files and pose file of a folder sequence, known without reading them."""
+    sequence = sequence_of(wildcards)
+    try:
+        return find_folder_files(
+            sequence.folder["path"], sequence.scans, sequence.folder.get("poses")
+        )
+    except DataError as error:
+        raise WorkflowError(f"data.{sequence.key}: {error}") from None
+
+
+def local_archive(wildcards):
+    return sequence_of(wildcards).archive.get("path", [])
+
+
+def scans_of_pairs(wildcards):
+    indices = sorted({index for pair in pairs_of(wildcards) for index in pair})
+    return [f"resources/{wildcards.sequence}/scan_{index}.parquet" for index in indices]
+
+
+def overlaps_of_pairs(wildcards):
+    return [
+        f"resources/{wildcards.sequence}/overlap/{reference}-{source}.parquet"
+        for reference, source in pairs_of(wildcards)
+    ]
+
+
+def runs_of_pairs(wildcards):
+    chunks = len(jobs_of(wildcards))
+    return [
+        f"results/{wildcards.experiment}/{wildcards.sequence}/runs/{i}-{j}/{chunk}.parquet"
+        for i, j in pairs_of(wildcards)
+        for chunk in range(chunks)
+    ]
 
 
 def selected_sequences(experiment):

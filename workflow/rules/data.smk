@@ -3,23 +3,6 @@
 Outputs: resources/{sequence}/scan_{index}.parquet, resources/{sequence}/poses.parquet
 """
 
-from icpshap.dataset import DataError, find_folder_files
-
-
-def folder_files(wildcards):
-    """Scan files and pose file of a folder sequence, known without reading them."""
-    sequence = sequence_of(wildcards)
-    try:
-        return find_folder_files(
-            sequence.folder["path"], sequence.scans, sequence.folder.get("poses")
-        )
-    except DataError as error:
-        raise WorkflowError(f"data.{sequence.key}: {error}") from None
-
-
-def local_archive(wildcards):
-    return sequence_of(wildcards).archive.get("path", [])
-
 
 rule read_scan:
     """Read a scan of a folder."""
@@ -31,15 +14,15 @@ rule read_scan:
         "logs/read_scan/{sequence}/{index}.log",
     benchmark:
         "logs/read_scan/{sequence}/{index}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_kind("folder"),
+    priority: 10
     threads: 1
     resources:
         mem_mb=500,
     params:
         code=code_digest("read_scan"),
         drop_non_finite=lambda wildcards: sequence_of(wildcards).drop_non_finite,
-    priority: 10
-    wildcard_constraints:
-        sequence=keys_of_kind("folder"),
     script:
         "../scripts/read_scan.py"
 
@@ -54,15 +37,15 @@ rule read_poses:
         "logs/read_poses/{sequence}.log",
     benchmark:
         "logs/read_poses/{sequence}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_kind("folder"),
+    priority: 10
     threads: 1
     resources:
         mem_mb=500,
     params:
         code=code_digest("read_poses"),
         scans=lambda wildcards: sequence_of(wildcards).scans,
-    priority: 10
-    wildcard_constraints:
-        sequence=keys_of_kind("folder"),
     script:
         "../scripts/read_poses.py"
 
@@ -75,6 +58,10 @@ rule simulate_sequence:
         "logs/simulate_sequence/{sequence}/{part}.log",
     benchmark:
         "logs/simulate_sequence/{sequence}/{part}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_kind("simulated"),
+        part=r"poses|scan_\d+",
+    priority: 10
     threads: 1
     resources:
         mem_mb=1000,
@@ -83,10 +70,6 @@ rule simulate_sequence:
         scans=lambda wildcards: sequence_of(wildcards).scans,
         simulated=lambda wildcards: sequence_of(wildcards).simulated,
         seed=SETTINGS.seed,
-    priority: 10
-    wildcard_constraints:
-        sequence=keys_of_kind("simulated"),
-        part=r"poses|scan_\d+",
     script:
         "../scripts/simulate_sequence.py"
 
@@ -103,12 +86,12 @@ rule measure_overlap:
         "logs/measure_overlap/{sequence}/{reference}-{source}.log",
     benchmark:
         "logs/measure_overlap/{sequence}/{reference}-{source}.tsv"
+    priority: 10
     threads: 1
     resources:
         mem_mb=500,
     params:
         code=code_digest("measure_overlap"),
         distance=SETTINGS.perturbation.overlap_distance,
-    priority: 10
     script:
         "../scripts/measure_overlap.py"

@@ -5,15 +5,6 @@ results/{experiment}/{uncertainty,shap}.parquet
 """
 
 
-def runs_of_pairs(wildcards):
-    chunks = len(jobs_of(wildcards))
-    return [
-        f"results/{wildcards.experiment}/{wildcards.sequence}/runs/{i}-{j}/{chunk}.parquet"
-        for i, j in pairs_of(wildcards)
-        for chunk in range(chunks)
-    ]
-
-
 rule explain_sequence:
     """Divergences of every setting and Shapley values of every instance of a sequence."""
     input:
@@ -39,8 +30,6 @@ rule explain_sequence:
 
 
 rule join_sequences:
-    """Put the sequences of an experiment into one table."""
-    localrule: True
     input:
         lambda wildcards: [
             f"results/{wildcards.experiment}/{sequence}/{wildcards.table}.parquet"
@@ -52,10 +41,12 @@ rule join_sequences:
         "logs/join_sequences/{experiment}/{table}.log",
     benchmark:
         "logs/join_sequences/{experiment}/{table}.tsv"
+    wildcard_constraints:
+        table="uncertainty|shap|pairs",
+    """Put the sequences of an experiment into one table."""
+    localrule: True
     threads: 1
     params:
         code=code_digest("join_sequences"),
-    wildcard_constraints:
-        table="uncertainty|shap|pairs",
     script:
         "../scripts/join_sequences.py"
