@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from icpshap.icp.minimisers import PointToPlane, PointToPoint
 
 
@@ -20,8 +22,8 @@ class Trimmed:
             raise ValueError(f"Trimmed: ratio must be in (0, 1], not {self.ratio}.")
 
     def rank(self, links):
-        """Position of the longest kept link among sorted links; `links` itself keeps all."""
-        return int(links * self.ratio)
+        """Position of the longest kept link among that many (R,), sorted; `links` keeps all."""
+        return (links * self.ratio).astype(np.int64)
 
 
 @dataclass(frozen=True)

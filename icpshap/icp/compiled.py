@@ -1,8 +1,8 @@
-"""How the engine's loops are compiled.
+"""How the engine is compiled.
 
 Every loop over points is a numba function with these options. They are compiled on first use and
-kept in NUMBA_CACHE_DIR, so only the first job on a machine compiles. No fast-math: every sum has
-one order and no two operations are fused, so the same input gives the same bytes.
+kept in NUMBA_CACHE_DIR, so only the first job on a machine compiles. Every sum has one order that
+depends on its own run alone, so the same input gives the same bytes.
 """
 
 import functools
@@ -10,10 +10,22 @@ import logging
 from pathlib import Path
 
 import numba
+from numba.core import types
+from numba.extending import intrinsic
 
 jit = functools.partial(numba.njit, cache=True, error_model="numpy")
 
 log = logging.getLogger(__name__)
+
+
+@intrinsic
+def bits(typing_context, value):
+    """The bit pattern of a float64 as int64; for values >= 0 both have the same order."""
+
+    def generate(context, builder, signature, arguments):
+        return builder.bitcast(arguments[0], context.get_value_type(types.int64))
+
+    return types.int64(types.float64), generate
 
 
 @functools.cache

@@ -190,3 +190,19 @@ def within(tree, x, y, z, radius, found, stack):
                 found[count] = k
                 count += 1
     return count
+
+
+@jit
+def neighbour_distances(tree, count, samples):
+    """Distances [m] of about `samples` points to the farthest of their `count` nearest."""
+    n = tree.points.shape[0]
+    found = np.empty(count, np.int32)
+    distance = np.empty(count)
+    stack = np.empty(STACK, np.int32)
+    step = max(1, n // samples)
+    result = np.empty((n + step - 1) // step)
+    for i in range(result.shape[0]):
+        x, y, z = tree.points[i * step, 0], tree.points[i * step, 1], tree.points[i * step, 2]
+        nearest(tree, x, y, z, count, np.inf, found, distance, stack)
+        result[i] = np.sqrt(distance[count - 1])
+    return result

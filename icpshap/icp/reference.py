@@ -9,6 +9,7 @@ import functools
 import numpy as np
 
 from icpshap.icp import kdtree
+from icpshap.icp.candidates import empty_lists, forget, nearly_full
 from icpshap.icp.compiled import announce_compilation
 from icpshap.icp.normals import normals
 
@@ -44,6 +45,7 @@ class Reference:
         self.normal_neighbours = normal_neighbours
         self.mean = points.mean(axis=0)
         self._centred = points - self.mean
+        self._lists = {}
 
     def __len__(self):
         return len(self._centred)
@@ -63,3 +65,19 @@ class Reference:
                 f"there are {len(self)}. Hint: use point-to-point ICP or fewer normal_neighbours."
             )
         return normals(self.tree, self.normal_neighbours)
+
+    def surface(self, with_normals):
+        """Points and, if wanted, normals in the tree's order: rows x, y, z, normal, 0, 0 (n, 8)."""
+        surface = np.zeros((len(self), 8))
+        surface[:, :3] = self.tree.points[:, :3]
+        if with_normals:
+            surface[:, 3:6] = self.normals
+        return surface
+
+    def lists(self, matches):
+        """The candidate lists for that many matches, which fill as they are used."""
+        if matches not in self._lists:
+            self._lists[matches] = empty_lists(self.tree)
+        if nearly_full(self._lists[matches]):
+            forget(self._lists[matches])
+        return self._lists[matches]
