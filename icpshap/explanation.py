@@ -11,9 +11,10 @@ import numpy as np
 import pandas as pd
 
 from icpshap import divergence, shapley
-from icpshap.intervals import BOOTSTRAP_DRAWS, Resampling, mean_interval
+from icpshap.intervals import Resampling, mean_interval
 
 MINIMUM_RUNS = 50
+BOOTSTRAP_DRAWS = 1000
 GOOD_STATUS = ("ok", "max_iterations")
 SUCCESS_TRANSLATION = 0.1
 SUCCESS_ROTATION = np.deg2rad(2.0)
@@ -275,7 +276,7 @@ def shap_table(replicates, instances, games, method):
 
     def estimates(method, **keywords):
         return [
-            estimate(sample, row, _quantities, method, **keywords)
+            estimate(sample, row, shap_quantities, method, **keywords)
             for sample, row in zip(replicates, rows, strict=True)
         ]
 
@@ -334,7 +335,7 @@ def shap_table(replicates, instances, games, method):
     return table.assign(**columns)
 
 
-def _quantities(game):
+def shap_quantities(game):
     """What is read off games (..., 2^M): base value, f, phi, interactions, phi by regression."""
     parts = [game[..., :1], game[..., -1:], shapley.shapley_values(game)]
     parts += [shapley.interaction_indices(game), shapley.kernel_regression(game)]
@@ -403,7 +404,7 @@ def error_columns(sample):
             "mean_rotation_error": np.nanmean(rotation, axis=1),
             "translation_rmse": np.sqrt(np.nanmean(translation**2, axis=1)),
             "rotation_rmse": np.sqrt(np.nanmean(rotation**2, axis=1)),
-            "success_rate": success.mean(axis=1),
+            "success_rate": np.nanmean(success.astype(float), axis=1),
         }
 
 
