@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from icpshap import divergence, shapley
-from icpshap.explanation import Method, Sample, estimate, shap_quantities
+from icpshap.explanation import quantities
+from icpshap.uncertainty import Method, Sample, estimate
 
 RUNS = 100
 SOURCES = ("sensor_noise", "initial_pose", "partial_overlap")
@@ -36,7 +37,7 @@ ADDED = 1e-3 * np.array(
         [0.8, 0.0, 1.2, 1.0, 2.0, 0.5],
     ]
 )
-DRAW = ADDED[0]
+DRAW = 0.5 * ADDED[0]
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,7 @@ def draw(case, generator):
         settings=ON.astype(float),
         draws=np.zeros(len(ON), dtype=int),
         xi=xi,
+        initial_xi=xi,
         failed=np.zeros((len(ON), RUNS), dtype=bool),
         wrong_basin=divergence.wrong_basin(xi, 0.1, np.deg2rad(2.0)),
         noise_draw=noise_draw if case.deleted == "noise draws" else np.zeros_like(noise_draw),
@@ -92,7 +94,7 @@ def truth(case):
     if case.wrong_basins == "keep":
         covariance += WRONG_BASIN_RATE * (1 - WRONG_BASIN_RATE) * np.outer(OFFSET, OFFSET)
     game = divergence.kullback_leibler(covariance[0], covariance)
-    return shap_quantities(game)[1:5]
+    return quantities(game)[1:5]
 
 
 def coverage(case, repetitions):
@@ -101,7 +103,7 @@ def coverage(case, repetitions):
     inside, values, halves = [], [], []
     for repetition in range(repetitions):
         sample = draw(case, np.random.default_rng([20260101, repetition]))
-        found = estimate(sample, GAME, shap_quantities, case.method)
+        found = estimate(sample, GAME, quantities, case.method)
         low, high = found.low[0, 1:5], found.high[0, 1:5]
         inside.append((low <= true) & (true <= high))
         values.append(found.value[0, 1:5])
