@@ -5,7 +5,7 @@ this module adds what a schema cannot say: names that must exist, pairs that mus
 """
 
 import difflib
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 
@@ -71,6 +71,12 @@ class Estimator(Registration):
         """The part that decides the pose samples."""
         keys = Registration.__dataclass_fields__
         return Registration(**{key: getattr(self, key) for key in keys})
+
+    @property
+    def method(self):
+        """The other part, by key: how numbers are read off the pose samples."""
+        keys = Registration.__dataclass_fields__
+        return {key: value for key, value in asdict(self).items() if key not in keys}
 
 
 @dataclass(frozen=True)

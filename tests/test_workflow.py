@@ -91,7 +91,8 @@ def test_everything_is_made(finished):
     shap = pd.read_parquet(results / "tiny_grid" / "shap.parquet")
     assert len(shap) == 8
     phi = [f"phi_{name}" for name in ("sensor_noise", "initial_pose", "partial_overlap")]
-    assert shap[phi].sum(axis=1) + shap["base_value"] == pytest.approx(shap["f"])
+    total = shap[phi].sum(axis=1) + shap["base_value"]
+    assert total.to_numpy() == pytest.approx(shap["f"].to_numpy())
     assert shap["f"].iloc[-1] > 1
     fixed = pd.read_parquet(results / "tiny_fixed" / "shap.parquet")
     assert list(fixed["sequence"]) == ["tiny_room", "tiny_stairs", "tiny_stairs"]

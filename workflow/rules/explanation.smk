@@ -1,7 +1,7 @@
 """From ICP runs to uncertainties and to what each uncertainty source contributes.
 
-Outputs: results/{experiment}/{sequence}/{uncertainty,shap}.parquet,
-results/{experiment}/{uncertainty,shap}.parquet
+Outputs: results/{experiment}/{sequence}/{uncertainty,shap,resampled}.parquet,
+results/{experiment}/{pairs,uncertainty,shap,resampled}.parquet
 """
 
 
@@ -13,6 +13,7 @@ rule explain_sequence:
     output:
         uncertainty="results/{experiment}/{sequence}/uncertainty.parquet",
         shap="results/{experiment}/{sequence}/shap.parquet",
+        resampled="results/{experiment}/{sequence}/resampled.parquet",
     log:
         "logs/explain_sequence/{experiment}/{sequence}.log",
     benchmark:
@@ -24,7 +25,7 @@ rule explain_sequence:
         code=code_digest("explain_sequence"),
         seed=SETTINGS.seed,
         levels=lambda wildcards: experiment_of(wildcards).levels,
-        estimator=lambda wildcards: asdict(estimator_of(wildcards)),
+        method=lambda wildcards: estimator_of(wildcards).method,
     script:
         "../scripts/explain_sequence.py"
 
@@ -42,7 +43,7 @@ rule join_sequences:
     benchmark:
         "logs/join_sequences/{experiment}/{table}.tsv"
     wildcard_constraints:
-        table="uncertainty|shap|pairs",
+        table="pairs|uncertainty|shap|resampled",
     """Put the sequences of an experiment into one table."""
     localrule: True
     threads: 1
