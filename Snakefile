@@ -21,9 +21,13 @@ include: "workflow/rules/figures.smk"
 include: "workflow/rules/report.smk"
 
 
+localrules:
+    all,
+    join_sequences,
+
+
 rule all:
     """Everything that the selected experiments make of the selected sequences."""
     default_target: True
     input:
         targets(),
-    localrule: True

@@ -31,6 +31,7 @@ rule explain_sequence:
 
 
 rule join_sequences:
+    """Put the sequences of an experiment into one table."""
     input:
         lambda wildcards: [
             f"results/{wildcards.experiment}/{sequence}/{wildcards.table}.parquet"
@@ -44,8 +45,6 @@ rule join_sequences:
         "logs/join_sequences/{experiment}/{table}.tsv"
     wildcard_constraints:
         table="pairs|uncertainty|shap|resampled",
-    """Put the sequences of an experiment into one table."""
-    localrule: True
     threads: 1
     params:
         code=code_digest("join_sequences"),
