@@ -153,7 +153,11 @@ TABLES = {
             "floor_share", "float64", "", "largest share of the floor in a direction's variance"
         ),
         Column(
-            "memory", "float64", "", "largest share of a component's variance due to initial poses"
+            "memory",
+            "float64",
+            "",
+            "largest share of a pose component's variance that is linear in the initial pose; "
+            "near 0 where ICP converged",
         ),
         Column("mean_translation_error", "float64", "m", "mean distance to the true translation"),
         Column("mean_rotation_error", "float64", "rad", "mean angle to the true rotation"),
