@@ -18,7 +18,7 @@ from icpshap.tables import INITIAL_XI, XI
 
 REFERENCE, OVERLAPPING, ALONE, REMOVED = "#9A9A9A", "#0072B2", "#88CCEE", "#D55E00"
 INITIAL, CLEAN, PERTURBED = "#BBBBBB", "#0072B2", "#D55E00"
-# Half width of the region that holds 95 % of a Gaussian, in standard deviations: 2 and 3 dimensions.
+# Half width, in standard deviations, of what holds 95 % of a Gaussian in 2 and 3 dimensions.
 PLANE_95, SPACE_95 = np.sqrt(5.991), np.sqrt(7.815)
 # Points of a cloud that a page holds at most, so that it stays small and turns smoothly.
 PAGE_POINTS = 25_000
@@ -68,10 +68,11 @@ def caption(scene, study, row):
         return " ".join([*sentences, f"Not registered: {row.reason}."])
     wrong = [int(runs.wrong_basin.sum()) for runs in (scene.clean, scene.perturbed)]
     sentences.append(
-        f"Pose errors of {len(scene.clean)} runs, estimator {study.estimator}: initial poses, clean "
-        f"results, and results at {captions.describe_values(scene.values)}, with the ellipses that "
-        "hold 95 % of a Gaussian of their covariance; the right of each two panels is a close-up of the clean results. "
-        f"Crosses are runs in a wrong basin: {wrong[0]} clean, {wrong[1]} perturbed."
+        f"Pose errors of {len(scene.clean)} runs, estimator {study.estimator}: initial poses, "
+        f"clean results, and results at {captions.describe_values(scene.values)}, with ellipses "
+        "that hold 95 % of a Gaussian of the same covariance; the right of each two panels is a "
+        "close-up of the clean results. Crosses are runs in a wrong basin: "
+        f"{wrong[0]} clean, {wrong[1]} perturbed."
     )
     if row.warning:
         sentences.append(f"Warning: {row.warning}.")
