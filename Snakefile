@@ -19,6 +19,7 @@ include: "workflow/rules/registration.smk"
 include: "workflow/rules/explanation.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/report.smk"
+include: "workflow/rules/progress.smk"
 
 
 localrules:
