@@ -4,7 +4,14 @@ import logging
 import time
 
 # What these events of snakemake say, the lines of this module say shorter; its log file keeps them.
-REPLACED = {"workflow_started", "job_info", "job_started", "job_finished", "progress", "resources_info"}
+REPLACED = {
+    "workflow_started",
+    "job_info",
+    "job_started",
+    "job_finished",
+    "progress",
+    "resources_info",
+}
 CHATTER = ("Select jobs to execute", "Execute ")
 
 
