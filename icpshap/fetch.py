@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from icpshap.dataset import LEICA_NAME, LEICA_PLACES, DataError
-from icpshap.remote_file import RangeIgnoredError, RemoteFile, Window, megabytes, say
+from icpshap.remote_file import RangeIgnoredError, RemoteFile, Window, amount, say
 
 DOI = "https://doi.org/10.3929/ethz-b-000721626"
 LICENCE = "CC BY 4.0"
@@ -53,20 +53,21 @@ def open_archive(source, cache, expected_bytes=None, checksums=None, terminal=No
     """
     cache = Path(cache)
     cache.mkdir(parents=True, exist_ok=True)
-    whole = cache / "archive.zip"
+    whole = cache / f"archive_{zlib.crc32(str(source).encode()):08x}.zip"
     if "://" not in str(source):
         return Archive(_open_file(Path(source), expected_bytes), source, cache)
     if not whole.is_file():
         file = RemoteFile(str(source), ALTERNATIVES, expected_bytes, terminal)
         try:
             file.connect()
-            say(f"{source}: {megabytes(file.size)}, of which only what is needed is read")
+            say(f"{source}: {amount(file.size)}, of which only what is needed is read")
             return Archive(file, source, cache)
         except RangeIgnoredError:
             say(f"{source}: the server serves no ranges, so the whole archive is downloaded")
             if expected_bytes:
                 _require_space(cache, expected_bytes)
             file.download(whole, lambda path: verify_checksums(path, checksums or {}))
+            file.close()
     return Archive(_open_file(whole, expected_bytes), source, cache)
 
 
@@ -121,7 +122,7 @@ class Archive:
     def __exit__(self, *exception):
         if self._remote:
             received, count = self._remote.received, self._remote.requests
-            say(f"{self._source}: {megabytes(received)} received in {count} requests")
+            say(f"{self._source}: {amount(received)} received in {count} requests")
         self._files.close()
 
     def check_scans(self, scans):
@@ -213,7 +214,7 @@ class Archive:
         if not path.is_file():
             say(
                 f"{self._source}: {member.info.filename!r} is compressed as a whole, so all of it"
-                f" ({megabytes(member.info.compress_size)}) is fetched, once"
+                f" ({amount(member.info.compress_size)}) is fetched, once"
             )
             _require_space(self._cache, member.info.file_size + member.info.compress_size)
             self._extract(member, path, "archive within the archive", MAXIMUM_NESTED)
@@ -284,6 +285,6 @@ def _require_space(folder, size):
     free = shutil.disk_usage(folder).free
     if free < size:
         raise DataError(
-            f"{folder}: {megabytes(size)} are needed, {megabytes(free)} are free.",
+            f"{folder}: {amount(size)} are needed, {amount(free)} are free.",
             "make room on this disk.",
         )

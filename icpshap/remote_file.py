@@ -369,30 +369,34 @@ def _root_cause(error):
 
 # Reports
 
+CLEAR_LINE = "\r\033[K"
+
 
 def say(text):
-    """A line of the log."""
-    print(text, file=sys.stderr, flush=True)
+    """A line of the log; on a terminal it takes the place of the moving line."""
+    clear = CLEAR_LINE if sys.stderr.isatty() else ""
+    print(clear + text, file=sys.stderr, flush=True)
 
 
-def megabytes(size):
-    return f"{size / 1e6:,.1f} MB"
+def amount(size):
+    """A number of bytes in words."""
+    return f"{size / 1e6:,.1f} MB" if size >= 1e6 else f"{size / 1e3:,.1f} kB"
 
 
 class Progress:
     """Reports a transfer of ``total`` bytes: its amount, rate and time left.
 
-    One moving line on ``terminal`` (a text stream; by default standard error if that is one), and
-    unless standard error is the terminal plain lines there, the first after ten seconds.
+    One moving line on ``terminal``, a text stream, or on standard error, whichever is a terminal;
+    plain lines on standard error if that is none, the first after ten seconds.
     """
 
     MOVE, LINE = 0.2, 10.0  # s between reports
 
     def __init__(self, what, total, terminal=None):
         self._what, self._total = what, total
-        stderr_moves = sys.stderr.isatty()
-        self._terminal = terminal or (sys.stderr if stderr_moves else None)
-        self._lines = not stderr_moves
+        streams = [stream for stream in (terminal, sys.stderr) if stream and stream.isatty()]
+        self._terminal = streams[0] if streams else None
+        self._lines = not sys.stderr.isatty()
         self._done = self._resumed = 0
         self._start = self._moved = self._printed = time.monotonic()
 
@@ -407,22 +411,22 @@ class Progress:
         now = time.monotonic()
         if self._terminal and now - self._moved >= self.MOVE:
             self._moved = now
-            print(f"\r{self._text(now)}\033[K", end="", file=self._terminal, flush=True)
+            print(CLEAR_LINE + self._text(now), end="", file=self._terminal, flush=True)
         if self._lines and now - self._printed >= self.LINE:
             self._printed = now
             say(self._text(now))
 
     def finish(self):
         if self._terminal:
-            print("\r\033[K", end="", file=self._terminal, flush=True)
+            print(CLEAR_LINE, end="", file=self._terminal, flush=True)
         seconds = time.monotonic() - self._start
-        resumed = f", {megabytes(self._resumed)} of it earlier" if self._resumed else ""
-        say(f"{self._what}: {megabytes(self._done)} in {seconds:.1f} s{resumed}")
+        resumed = f", {amount(self._resumed)} of it earlier" if self._resumed else ""
+        say(f"{self._what}: {amount(self._done)} in {seconds:.1f} s{resumed}")
 
     def _text(self, now):
         rate = (self._done - self._resumed) / max(now - self._start, 1e-3)
         left = (self._total - self._done) / max(rate, 1.0)
         return (
-            f"{self._what}: {megabytes(self._done)} of {megabytes(self._total)},"
-            f" {megabytes(rate)}/s, {left:.0f} s left"
+            f"{self._what}: {amount(self._done)} of {amount(self._total)},"
+            f" {amount(rate)}/s, {left:.0f} s left"
         )
