@@ -36,16 +36,17 @@ def ranking_table(shap, resampled, sources, paper=None, order=PAPER_ORDER, seed=
                 f"{sequence}: {len(values)} pairs have Shapley values, {len(draws)} have resamples."
                 "\nHint: make both tables from the same runs."
             )
-        if len(values) == 0:
-            continue
+        n_pairs = len(values)
+        if n_pairs == 0:
+            values, draws = (np.full((*[1] * k, len(sources)), np.nan) for k in (2, 3))
         for rule in OUTLIER_RULES:
             generator = np.random.default_rng(seed)
             medians = bootstrap_medians(np.moveaxis(draws, 2, 0), rule, generator)
-            row = {"sequence": sequence, "outlier_rule": rule, "n_pairs": len(values)}
+            row = {"sequence": sequence, "outlier_rule": rule, "n_pairs": n_pairs}
             row |= _medians(values.reshape(-1, len(sources)), rule, medians, sources)
             row |= _agreement(row, sequence, paper, sources)
             row |= _order(medians, sources, order)
-            rows.append(row | {"warning": _few_pairs(len(values))})
+            rows.append(row | {"warning": _few_pairs(n_pairs)})
     table = pd.DataFrame(rows)
     for _, part in table.groupby("outlier_rule"):
         table.loc[part.index, "p_holm"] = holm(part["p"].to_numpy())
@@ -124,7 +125,8 @@ def _medians(values, rule, medians, sources):
     median = quantiles(values, kept, [0.5])[0]
     tails = [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]
     low, high = quantiles(medians, ~np.isnan(medians).any(axis=-1), tails)
-    row = {"n_rows": len(values), "n_removed": len(values) - int(kept.sum())}
+    n_rows = int(kept_rows(values, "none").sum())
+    row = {"n_rows": n_rows, "n_removed": n_rows - int(kept.sum())}
     for a, name in enumerate(sources):
         row |= {
             f"median_{name}": median[a],
@@ -150,15 +152,15 @@ def _agreement(row, sequence, paper, sources):
 def _order(medians, sources, order):
     columns = [list(sources).index(name) for name in order]
     steps = medians[:, columns[:-1]] - medians[:, columns[1:]]
-    below = (1 + (steps <= 0).sum(axis=0)) / (1 + len(steps))
-    return {
-        "order": " > ".join(order),
-        "probability": (steps > 0).all(axis=1).mean(),
-        "p": below.max() if not np.isnan(steps).any() else np.nan,
-    }
+    steps = steps[~np.isnan(steps).any(axis=1)]
+    found = {"order": " > ".join(order), "probability": np.nan, "p": np.nan}
+    if len(steps):
+        found["probability"] = (steps > 0).all(axis=1).mean()
+        found["p"] = ((1 + (steps <= 0).sum(axis=0)) / (1 + len(steps))).max()
+    return found
 
 
 def _few_pairs(number):
     if number >= FEW_PAIRS:
         return ""
-    return f"{number} pair{'s' * (number > 1)} only: how pairs differ is hardly seen"
+    return f"only {number} pairs with values: how pairs differ is hardly seen"
