@@ -26,6 +26,13 @@ COLUMNS = [
 ]
 
 
+def is_comparable(shap, study):
+    """Whether medians of a shap table are of the quantity that Table 1 shows."""
+    instances = shap[list(NAMES)].drop_duplicates()
+    same = captions.instance(instances, TABLE_PERTURBATION)
+    return study.divergence == "kl" and len(instances) == len(same) == 1
+
+
 def compare_medians(ranking, study):
     """Rows for Table 1: our medians and intervals beside the paper's values."""
     rows = []
@@ -71,15 +78,22 @@ def _frame(rows, study):
     return frame
 
 
-def markdown(table, titles):
-    """The comparison as Markdown."""
-    if len(table) == 0:
-        return NOTHING + "\n"
-    return tabulate(_body(table, titles), HEADER, tablefmt="pipe", disable_numparse=True) + "\n"
-
-
 HEADER = ["Paper", "Sequence", "Quantity", "Estimator", "Paper's value", "Ours"]
 NOTHING = "No selected experiment has a counterpart in the paper."
+
+
+def markdown(table, titles):
+    """The comparison as Markdown."""
+    return _layout(table, titles, "pipe") + "\n"
+
+
+def html(table, titles):
+    """The comparison as an HTML table."""
+    return _layout(table, titles, "html")
+
+
+def _layout(table, titles, form):
+    return tabulate(_body(table, titles), HEADER, tablefmt=form, disable_numparse=True)
 
 
 def _body(table, titles):
@@ -110,11 +124,11 @@ def caption(table):
     medians = table[table.shown_in != "summary plot"]
     held = inside[medians.index].sum()
     return (
-        "Ours (dots with 95 % intervals, a colour for each estimator) against the paper (diamonds): "
-        "medians of Table 1, and the values of the waterfall and the summary plot, as read off the "
-        "released figures; for the summary plot bars are ranges over the grid where there is sensor "
-        f"noise, and dots medians. {held} of {len(medians)} single values of the paper lie in our "
-        "intervals."
+        "Ours (dots with 95 % intervals, a colour for each estimator) against the paper "
+        "(diamonds): medians of Table 1, and the values of the waterfall and the summary plot, as "
+        "read off the released figures. For the summary plot, bars are ranges over the grid where "
+        f"there is sensor noise, and dots medians. {held} of {len(medians)} single values of the "
+        "paper lie in our intervals."
     )
 
 
