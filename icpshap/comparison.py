@@ -1,17 +1,20 @@
 """Ours against the paper: medians of every sequence, the waterfall plot and the summary plot."""
 
+from itertools import cycle
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from tabulate import tabulate
 
 from icpshap import captions
-from icpshap.figures.style import COLOURS, INK, MUTED, PAGE, say_nothing, styled
+from icpshap.figures.style import INK, MUTED, PAGE, say_nothing, styled, value_label
 from icpshap.sources import NAMES, SOURCES
 
 # The pair and the perturbation of the paper's figures and of its table.
 FIGURE_PAIR = ("apartment", 6, 7)
 TABLE_PERTURBATION = {"sensor_noise": 0.05, "initial_pose": 1.5, "partial_overlap": 0.05}
+PALETTE = ("#E69F00", "#56B4E9", "#CC79A7", "#009E73", "#0072B2")
 COLUMNS = [
     "experiment",
     "estimator",
@@ -140,22 +143,24 @@ def draw(table, titles):
             return say_nothing(figure, NOTHING)
         lines = _lines(table)
         estimators = list(table.estimator.unique())
-        palette = [*COLOURS.values(), "#CC79A7", "#E69F00", "#56B4E9"]
         panels = figure.subplots(1, len(SOURCES), sharey=True)
         for axes, source in zip(panels, SOURCES, strict=True):
             rows = table[table.source == source.name]
-            for k, estimator in enumerate(estimators):
+            slots = np.linspace(-0.3, 0.3, len(estimators) + 1)
+            for estimator, slot, colour in zip(estimators, slots, cycle(PALETTE)):
                 own = rows[rows.estimator == estimator]
-                y = _places(own, lines) + 0.5 * (k + 0.5) / len(estimators) - 0.25
-                colour = palette[k % len(palette)]
+                y = _places(own, lines) + slot
                 axes.hlines(y, own.low, own.high, color=colour, linewidth=1)
-                axes.plot(own.value, y, "o", color=colour, markersize=3, label=estimator)
-            y = _places(rows, lines)
-            axes.hlines(y, rows.paper_low, rows.paper_high, color=INK, linewidth=0.6)
-            middle = (rows.paper_low + rows.paper_high) / 2
-            axes.plot(middle, y, "D", color=INK, markersize=3, fillstyle="none", label="paper")
+                label = f"ours, estimator {estimator}"
+                axes.plot(own.value, y, "o", color=colour, markersize=3, label=label)
+            for single in (True, False):
+                theirs = rows[(rows.paper_low == rows.paper_high) == single]
+                y = _places(theirs, lines) + slots[-1]
+                axes.hlines(y, theirs.paper_low, theirs.paper_high, color=INK, linewidth=1)
+                if single:
+                    axes.plot(theirs.paper_low, y, "D", color=INK, markersize=3, label="the paper")
             axes.axvline(0, color=MUTED, linewidth=0.5, zorder=-1)
-            axes.set_xlabel(f"φ {source.title} [nats]")
+            axes.set_xlabel(value_label(source, "nats"))
         names = [f"{titles.get(s, s)}, {where}" for where, s in lines]
         panels[0].set_yticks(range(len(lines)), names)
         panels[0].set_ylim(len(lines) - 0.5, -0.5)

@@ -38,8 +38,8 @@ LICENCES = {
 def provenance(config, sequences, root, logs):
     """A mapping that YAML can hold.
 
-    config: the effective configuration; sequences: key to kind (archive, folder or simulated);
-    root: folder of the code; logs: folder of the benchmark files of all rules.
+    config: the effective configuration; sequences: key to kind (archive, folder or simulated) of
+    the selected ones; root: folder of the code; logs: folder of the benchmark files of all rules.
     """
     return {
         "written": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -48,7 +48,7 @@ def provenance(config, sequences, root, logs):
         "packages": {name: _version(name) for name in PACKAGES},
         "host": host(),
         "data": {key: LICENCES[kind] for key, kind in sequences.items()},
-        "jobs": job_times(logs).to_dict(orient="records"),
+        "jobs": job_times(logs, {*config["run"], *sequences}).to_dict(orient="records"),
         "config": config,
     }
 
@@ -79,11 +79,18 @@ def host():
     }
 
 
-def job_times(logs):
-    """A row per rule: jobs, and seconds in all and of the longest, of the last run of each job."""
+def job_times(logs, names):
+    """A row per rule: jobs, and seconds in all and of the longest, of the last run of each job.
+
+    names: experiments and sequences whose jobs count; jobs of neither are left out.
+    """
     rows = []
     for folder in sorted(path for path in Path(logs).iterdir() if path.is_dir()):
-        files = sorted(folder.rglob("*.tsv"))
+        files = [
+            path
+            for path in sorted(folder.rglob("*.tsv"))
+            if path.relative_to(folder).with_suffix("").parts[0] in names
+        ]
         if files:
             seconds = [float(pd.read_csv(file, sep="\t")["s"].iloc[0]) for file in files]
             rows.append(

@@ -35,6 +35,8 @@ class Section:
 def warnings(section):
     """Everything that makes the section's numbers doubtful, a line each."""
     lines = captions.warnings(section.shap, section.study)
+    if captions.valued(section.shap).n_wrong_basin.max() > 0:
+        lines.append(" ".join(captions.basins(section.shap, section.study)))
     for row in section.pairs[section.pairs.warning != ""].itertuples():
         lines.append(f"{section.study.pair(row)}: {row.warning}.")
     return lines
@@ -75,28 +77,35 @@ def _described(section, folder):
     study = section.study
     anchor = section.scope.replace("/", "-")
     ranked = section.ranking is not None
+    shared = [*captions.method(section.shap, study), *captions.significance(section.shap)]
+    method = " ".join([*shared, *captions.noise_floor(section.shap)])
+    said = [method, " ".join(shared), *warnings(section)]
     return {
         "title": section.scope,
         "anchor": anchor,
         "finding": captions.finding(section.shap, study),
         "warnings": warnings(section),
-        "method": " ".join(captions.method(section.shap, study)),
+        "method": method,
         "table": Markup(median_table.html(section.ranking, study)) if ranked else "",
         "table_note": median_table.note(section.ranking, study) if ranked else "",
-        "figures": [_figure(path, anchor, folder) for path in section.figures],
+        "figures": [_figure(path, anchor, folder, said) for path in section.figures],
         "links": [_relative(link, folder) for link in section.links],
     }
 
 
-def _figure(path, anchor, folder):
+def _figure(path, anchor, folder, said):
+    """A picture with its caption, but for the sentences that the page has said already."""
     path = Path(path)
+    caption = path.with_suffix(".txt").read_text().strip()
+    for text in said:
+        caption = caption.replace(text, "").strip()
     turning = path.with_suffix(".html")
     return {
         "name": path.stem,
         "anchor": f"{anchor}-{path.stem}",
         "image": _embedded(path),
         "width": _width(path),
-        "caption": path.with_suffix(".txt").read_text().strip(),
+        "caption": " ".join(caption.split()),
         "page": _relative(turning, folder) if turning.exists() else "",
     }
 
