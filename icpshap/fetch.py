@@ -231,8 +231,12 @@ class Archive:
             )
         for _ in range(2):
             try:
-                with self._transfer(member, what), _atomic(Path(destination)) as target:
-                    _inflate(member, target)
+                with (
+                    self._transfer(member, what),
+                    member.container.open(member.info) as source,
+                    _atomic(Path(destination)) as target,
+                ):
+                    shutil.copyfileobj(source, target, CHUNK)
                 return
             except (zipfile.BadZipFile, zlib.error, EOFError) as error:
                 problem = error
@@ -258,15 +262,6 @@ def _cost(nested):
     """Sort key: archives that can be read where they stand first, then those likely to be right."""
     likely = any(place in nested.info.filename for place in LEICA_PLACES)
     return nested.info.compress_type != zipfile.ZIP_STORED, not likely
-
-
-def _inflate(member, target):
-    written = 0
-    with member.container.open(member.info) as source:
-        while chunk := source.read(CHUNK):
-            written += target.write(chunk)
-    if written != member.info.file_size:
-        raise EOFError(f"{written} bytes of {member.info.file_size}")
 
 
 @contextlib.contextmanager
