@@ -7,10 +7,6 @@ every setting has a little randomness that it shares with no other (the redrawn 
 noise also moves all runs of one noise draw together. Prints a table and, as its last line, JSON.
 """
 
-import argparse
-import itertools
-import json
-import time
 from dataclasses import dataclass
 
 import numpy as np
