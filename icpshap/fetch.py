@@ -5,6 +5,7 @@ Range requests. Members are found by the tails of their names, which are never u
 """
 
 import contextlib
+import fcntl
 import hashlib
 import os
 import re
@@ -283,3 +284,21 @@ def _require_space(folder, size):
             f"{folder}: {amount(size)} are needed, {amount(free)} are free.",
             "make room on this disk.",
         )
+
+
+@contextlib.contextmanager
+def open_sequence(archive, cache, scans, terminal=None):
+    """Open the archive of a sequence as the configuration describes it: an `Archive`.
+
+    ``archive``: mapping with ``url`` or ``path`` and, where known, ``bytes``, ``md5``, ``sha256``;
+    ``cache``, ``terminal``: see `open_archive`. One process at a time reads an archive, so that two
+    never download the same. Raises DataError, also unless it holds the scans 0 to ``scans`` - 1.
+    """
+    Path(cache).mkdir(parents=True, exist_ok=True)
+    checksums = {name: archive[name] for name in ("md5", "sha256") if name in archive}
+    source = archive.get("url") or archive["path"]
+    with open(Path(cache) / "lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with open_archive(source, cache, archive.get("bytes"), checksums, terminal) as members:
+            members.check_scans(scans)
+            yield members

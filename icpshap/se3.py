@@ -1,4 +1,4 @@
-"""Rigid transformations SE(3) and their exponential coordinates xi = [rotation (rad); translation (m)].
+"""Rigid transformations SE(3), exponential coordinates xi = [rotation (rad); translation (m)].
 
 Every function works on any number of leading dimensions. A matrix named ``T_target_source`` maps
 source coordinates into the target frame: ``p_target = T_target_source @ p_source``.

@@ -1,0 +1,33 @@
+"""Why is this registration uncertain? The experiment of the paper, from scans to explanations.
+
+snakemake -j2                                       the whole experiment on the real data
+snakemake -j2 --configfile config/demo.yaml         both experiments on simulated scans, offline
+snakemake -j2 --config 'sequences=[stairs]'         one sequence
+"""
+
+from snakemake.utils import min_version
+
+min_version("9.0")
+
+
+configfile: "config.yaml"
+
+
+include: "workflow/rules/common.smk"
+include: "workflow/rules/data.smk"
+include: "workflow/rules/registration.smk"
+include: "workflow/rules/explanation.smk"
+include: "workflow/rules/figures.smk"
+include: "workflow/rules/report.smk"
+
+
+localrules:
+    all,
+    join_sequences,
+
+
+rule all:
+    """Everything that the selected experiments make of the selected sequences."""
+    default_target: True
+    input:
+        targets(),

@@ -1,0 +1,241 @@
+"""What each uncertainty source contributes to the uncertainty of a pair, and how sure that is."""
+
+import numpy as np
+import pandas as pd
+
+from icpshap import shapley
+from icpshap.intervals import mean_interval
+from icpshap.uncertainty import (
+    Method,
+    Sample,
+    clean_again,
+    degeneracy,
+    estimate,
+    null,
+    remarks,
+    resampled,
+    samples,
+    uncertainty_table,
+)
+
+__all__ = ["Method", "explain", "load_explanation", "negative_values", "resampled_values"]
+
+PAIR = ("sequence", "reference", "source")
+
+
+def explain(runs, instances, sources, method, pair, reason=""):
+    """Uncertainty table (a row per setting and replicate) and shap table (a row per instance).
+
+    runs: the runs table of one pair; instances: table with `instance` and a column per source;
+    sources: reference value of each uncertainty source by name; pair: (sequence, reference,
+    source). With a reason the pair was not registered: both tables hold NaN and that reason.
+    """
+    reference = list(sources.values())
+    games = shapley.coalition_values(instances[list(sources)], reference)
+    if reason:
+        settings = np.unique(games.reshape(-1, len(sources)), axis=0)
+        replicates = [Sample.without_runs(sources, settings)]
+    else:
+        replicates = samples(runs, sources)
+    uncertainty = pd.concat(
+        [
+            uncertainty_table(sample, reference, method).assign(replicate=replicate)
+            for replicate, sample in enumerate(replicates)
+        ],
+        ignore_index=True,
+    )
+    shap = shap_table(replicates, instances, games, method)
+    for table in (uncertainty, shap):
+        table["reason"] = reason
+        if reason:
+            table["warning"] = ""
+        for position, column in enumerate(PAIR):
+            table.insert(position, column, pair[position])
+    return uncertainty, shap
+
+
+def quantities(game):
+    """What is read off games (..., 2^M): base value, f, phi, interactions, phi by regression."""
+    parts = [game[..., :1], game[..., -1:], shapley.shapley_values(game)]
+    parts += [shapley.interaction_indices(game), shapley.kernel_regression(game)]
+    return np.concatenate(parts, axis=-1)
+
+
+def quantity_names(sources):
+    """Names of what `quantities` returns."""
+    names = ["base_value", "f", *(f"phi_{a}" for a in sources)]
+    names += [f"interaction_{a}_{b}" for a, b in shapley.pairs(sources)]
+    return [*names, *(f"regression_{a}" for a in sources)]
+
+
+def shap_table(replicates, instances, games, method):
+    """A row per instance: f, Shapley values and interactions with intervals, and sensitivities.
+
+    replicates: list of `Sample`; games (i, 2^M, M): the settings of each instance's coalitions.
+    With several replicates values are means over them, and their spread gives the intervals.
+    """
+    sources = replicates[0].sources
+    rows = [sample.rows(games) for sample in replicates]
+    names = quantity_names(sources)
+
+    def estimates(method, **options):
+        return [
+            estimate(sample, row, quantities, method, **options)
+            for sample, row in zip(replicates, rows, strict=True)
+        ]
+
+    def values(method, **options):
+        found = estimates(method, intervals=False, **options)
+        return _columns(names, np.mean([part.value for part in found], axis=0))
+
+    found = estimates(method)
+    if len(replicates) > 1:
+        intervals = mean_interval(np.array([part.value for part in found]))
+    else:
+        intervals = found[0].value, found[0].low, found[0].high
+    value, low, high = (_columns(names, part) for part in intervals)
+    ratio = _columns(names, np.mean([part.draw_variance_ratio for part in found], axis=0))
+    variants = {
+        "all": values(method, leave_out=False),
+        "right_basin": values(method, leave_out=True),
+        "floor_tenfold": values(method.with_floor(10.0)),
+        "floor_tenth": values(method.with_floor(0.1)),
+    }
+
+    columns = {"base_value": value["base_value"]}
+    for name in names[1 : -len(sources)]:
+        columns |= {name: value[name], f"{name}_low": low[name], f"{name}_high": high[name]}
+        if name.startswith("phi_"):
+            columns[f"{name}_significant"] = (low[name] > 0) | (high[name] < 0)
+            columns[f"{name}_draw_variance_ratio"] = ratio[name]
+        if not name.startswith("interaction_"):
+            columns |= {f"{name}_{kind}": variant[name] for kind, variant in variants.items()}
+    columns["regression_difference"] = _regression_difference(value, sources)
+    columns["f_again"] = np.mean([clean_again(sample, method) for sample in replicates])
+    n_used = np.min([part.n_used for part in found], axis=0)
+    columns["null_mean"], columns["null_95"] = null(n_used, method)
+    columns |= {"n_runs": replicates[0].xi.shape[1], "n_used": n_used}
+    for count in ("failed", "wrong_basin"):
+        columns[f"n_{count}"] = sum(
+            getattr(sample, count)[row].any(axis=1).sum(axis=1)
+            for sample, row in zip(replicates, rows, strict=True)
+        )
+    columns["interval_over"] = _interval_over(replicates)
+    clean = [
+        degeneracy(sample, row[:1, :1], method)
+        for sample, row in zip(replicates, rows, strict=True)
+    ]
+    floor_share, memory = (max(part[key][0] for part in clean) for key in ("floor_share", "memory"))
+    columns["warning"] = [remarks(n, floor_share, memory) for n in n_used]
+    return instances[["instance", *sources]].reset_index(drop=True).assign(**columns)
+
+
+def resampled_values(runs, instances, sources, method, pair, number=200):
+    """Shapley values of bootstrap samples of a pair's runs: a row per instance and resample.
+
+    Whole noise draws are drawn again where there are several. Each resample is mirrored at the
+    value of the shap table (basic bootstrap), so that the rows spread as the truth may.
+    """
+    games = shapley.coalition_values(instances[list(sources)], list(sources.values()))
+    mirrored = np.mean(
+        [
+            _mirrored(sample, sample.rows(games), method, number)
+            for sample in samples(runs, sources)
+        ],
+        axis=0,
+    )
+    index = pd.MultiIndex.from_product(
+        [instances["instance"], range(number)], names=["instance", "resample"]
+    )
+    table = pd.DataFrame(
+        np.swapaxes(mirrored, 0, 1).reshape(-1, len(sources)),
+        index=index,
+        columns=[f"phi_{name}" for name in sources],
+    ).reset_index()
+    for position, column in enumerate(PAIR):
+        table.insert(position, column, pair[position])
+    return table
+
+
+def _mirrored(sample, rows, method, number):
+    """Mirrored Shapley values (number, i, M) of games (i, 2^M), rows of a sample."""
+    value = estimate(sample, rows, shapley.shapley_values, method, intervals=False).value
+    result = np.full((number, *value.shape), np.nan)
+    for members, plan, values in resampled(
+        sample, rows, shapley.shapley_values, method, jackknife=False, bootstrap=number
+    ):
+        result[:, members] = value[members] + values[0] - values[plan.bootstrap]
+    return result
+
+
+def negative_values(shap, sources):
+    """How many phi of a shap table are negative, and how many of those significantly so.
+
+    A row per source: source, instances (with a value), negative, negative_significant,
+    positive_significant, not_distinguishable (from zero).
+    """
+    rows = []
+    for name in sources:
+        phi = shap[f"phi_{name}"]
+        significant = shap[f"phi_{name}_significant"]
+        rows.append(
+            {
+                "source": name,
+                "instances": int(phi.notna().sum()),
+                "negative": int((phi < 0).sum()),
+                "negative_significant": int(((phi < 0) & significant).sum()),
+                "positive_significant": int(((phi > 0) & significant).sum()),
+                "not_distinguishable": int((phi.notna() & ~significant).sum()),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def load_explanation(path):
+    """The shap.Explanation of a shap.parquet: values, base values, data, names and bounds.
+
+    Rows without a value (`reason` or `warning` says why) are left out. Raises ValueError if the
+    file holds no Shapley values.
+    """
+    import shap
+
+    table = pd.read_parquet(path)
+    names = [
+        column.removeprefix("phi_").removesuffix("_low")
+        for column in table
+        if column.startswith("phi_") and column.endswith("_low")
+    ]
+    if not names:
+        raise ValueError(
+            f"{path}: no column phi_<uncertainty source>_low.\n"
+            "Hint: give the path of a shap.parquet, such as results/<experiment>/shap.parquet."
+        )
+    phi = [f"phi_{name}" for name in names]
+    table = table.dropna(subset=phi)
+    return shap.Explanation(
+        values=table[phi].to_numpy(),
+        base_values=table["base_value"].to_numpy(),
+        data=table[names].to_numpy(),
+        feature_names=names,
+        lower_bounds=table[[f"{name}_low" for name in phi]].to_numpy(),
+        upper_bounds=table[[f"{name}_high" for name in phi]].to_numpy(),
+    )
+
+
+def _columns(names, values):
+    return dict(zip(names, values.T, strict=True))
+
+
+def _regression_difference(value, sources):
+    """Largest difference of phi to Algorithm 1's regression, relative to the largest |phi|."""
+    phi, regression = (
+        np.stack([value[f"{kind}_{name}"] for name in sources]) for kind in ("phi", "regression")
+    )
+    largest = np.abs(phi).max(axis=0)
+    return np.abs(regression - phi).max(axis=0) / np.where(largest > 0, largest, 1.0)
+
+
+def _interval_over(replicates):
+    if len(replicates) > 1:
+        return "replicates"
+    return "noise draws" if len(np.unique(replicates[0].noise_draw)) > 1 else "runs"

@@ -1,0 +1,289 @@
+"""One iteration of many runs: from poses to the Gram matrices of their kept links.
+
+Idea: the outer loop goes over blocks of neighbouring source points, the inner one over runs, so
+that the part of the reference near a block is read from memory once and then serves every run.
+Within a block all queries are matched together (`matching`), and each run adds its links to its
+own sums: the link lengths decide which (`trimming`), the error metric what (`minimisers`).
+
+Exactness: a run's sums are taken in the order of its source points along the blocks, whose bounds
+are fixed positions in the source cloud; links inside its band follow at the end. Neither depends
+on which runs are computed together. (`reassoc` lets the compiler add the terms of one block in
+vector lanes: an order fixed by their number.)
+
+Measured: docs/engine.md.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from icpshap.icp import kdtree
+from icpshap.icp.compiled import jit
+from icpshap.icp.matching import match, work_arrays
+from icpshap.icp.minimisers import FEATURES, write_features
+from icpshap.icp.trimming import ROOM, SAMPLE, predicted_bands, sampled_bands, select
+
+REPEATED = 64  # runs repeated together with a band that holds all of their links
+BLOCK = 512  # source points; also fixes the partial sums, so results depend on it in the last bit
+
+
+class Batch(NamedTuple):
+    """The source points of R runs, and where those of each block are."""
+
+    points: np.ndarray  # (m, 3) source points in spatial order [m]
+    positions: np.ndarray  # int32: the points each run uses, ascending, one run after the other
+    block_start: np.ndarray  # (R, blocks + 1) int64 into positions
+
+
+class Band(NamedTuple):
+    """The links of R runs whose length is near the trimming threshold."""
+
+    lower: np.ndarray  # (R,) [m^2] links shorter than this are summed at once
+    upper: np.ndarray  # (R,) [m^2] links at least this long are dropped
+    start: np.ndarray  # (R + 1,) int64 each run's room in the arrays below
+    count: np.ndarray  # (R,) int64 links in the band; more than its room: some were not stored
+    distance: np.ndarray  # [m^2]
+    found: np.ndarray  # int32 reference point, in tree order
+    position: np.ndarray  # int32 source point, in spatial order
+
+
+class Sums(NamedTuple):
+    """Sums over links of R runs."""
+
+    gram: np.ndarray  # (R, 7, 7) Gram matrix of the kept links' features
+    kept: np.ndarray  # (R,) int64 links kept
+    links: np.ndarray  # (R,) int64 links made
+
+
+def make_batch(points, positions):
+    """Batch of spatially ordered points (m, 3) and a list of R ascending int32 arrays."""
+    edges = np.minimum(np.arange(0, len(points) + BLOCK, BLOCK), len(points))
+    block_start = np.array([np.searchsorted(run, edges) for run in positions])
+    first = np.cumsum([0] + [len(run) for run in positions[:-1]])
+    return Batch(points, np.concatenate(positions), block_start + first[:, None])
+
+
+def make_band(room):
+    """A band that holds every link, with room for `room` (R,) of them."""
+    start = np.concatenate([[0], np.cumsum(room)])
+    return Band(
+        lower=np.full(len(room), -np.inf),
+        upper=np.full(len(room), np.inf),
+        start=start,
+        count=np.zeros(len(room), dtype=np.int64),
+        distance=np.empty(start[-1]),
+        found=np.empty(start[-1], dtype=np.int32),
+        position=np.empty(start[-1], dtype=np.int32),
+    )
+
+
+@jit(fastmath={"reassoc"})
+def _add_products(features, count, gram):
+    """Add the products of the first `count` columns of `features` to the upper triangle."""
+    for u in range(FEATURES):
+        for v in range(u, FEATURES):
+            total = 0.0
+            for k in range(count):
+                total += features[u, k] * features[v, k]
+            gram[u, v] += total
+
+
+@jit
+def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, work, band, sums):
+    """Match the active runs at poses T (R, 4, 4); sum the links below each run's band."""
+    positions, points = batch.positions, batch.points
+    found = np.empty(work.x.shape[0] * matches, np.int32)
+    distance = np.empty(work.x.shape[0] * matches)
+    stack = np.empty(kdtree.STACK, np.int32)
+    features = np.empty((FEATURES, BLOCK * matches))
+    chosen_link = np.empty(BLOCK * matches + 1, np.int32)
+    chosen_query = np.empty(BLOCK * matches + 1, np.int32)
+    for run in active:
+        sums.gram[run] = 0.0
+        sums.kept[run] = 0
+        sums.links[run] = 0
+        band.count[run] = 0
+    for block in range(batch.block_start.shape[1] - 1):
+        count = 0
+        for run in active:
+            r00, r01, r02, tx = T[run, 0, 0], T[run, 0, 1], T[run, 0, 2], T[run, 0, 3]
+            r10, r11, r12, ty = T[run, 1, 0], T[run, 1, 1], T[run, 1, 2], T[run, 1, 3]
+            r20, r21, r22, tz = T[run, 2, 0], T[run, 2, 1], T[run, 2, 2], T[run, 2, 3]
+            for k in range(batch.block_start[run, block], batch.block_start[run, block + 1]):
+                p = positions[k]
+                x, y, z = points[p, 0], points[p, 1], points[p, 2]
+                work.x[count] = r00 * x + r01 * y + r02 * z + tx
+                work.y[count] = r10 * x + r11 * y + r12 * z + ty
+                work.z[count] = r20 * x + r21 * y + r22 * z + tz
+                count += 1
+        if count == 0:
+            continue
+        match(tree, lists, matches, limit, count, work, found, distance, stack)
+        query = 0
+        for run in active:
+            lower, upper = band.lower[run], band.upper[run]
+            room = band.start[run + 1] - band.start[run]
+            kept = 0
+            links = 0
+            for k in range(batch.block_start[run, block], batch.block_start[run, block + 1]):
+                for link in range(query * matches, (query + 1) * matches):
+                    d2 = distance[link]
+                    chosen_link[kept] = link
+                    chosen_query[kept] = query
+                    kept += d2 < lower
+                    links += d2 < np.inf
+                    if lower <= d2 < upper:
+                        if band.count[run] < room:
+                            entry = band.start[run] + band.count[run]
+                            band.distance[entry] = d2
+                            band.found[entry] = found[link]
+                            band.position[entry] = positions[k]
+                        band.count[run] += 1
+                query += 1
+            for k in range(kept):
+                q = chosen_query[k]
+                write_features(
+                    metric,
+                    work.x[q],
+                    work.y[q],
+                    work.z[q],
+                    surface[found[chosen_link[k]]],
+                    features,
+                    k,
+                )
+            _add_products(features, kept, sums.gram[run])
+            sums.kept[run] += kept
+            sums.links[run] += links
+
+
+@jit
+def settle(surface, batch, T, active, metric, rank, band, sums, threshold):
+    """Find each active run's threshold in its band and add the links in the band up to it.
+
+    rank: (R,) position of the threshold among a run's links; as many as its links: keep all.
+    threshold: (R,) [m^2], set; NaN where the band does not contain it.
+    """
+    features = np.empty((FEATURES, BLOCK))
+    values = np.empty(band.distance.shape[0])
+    for run in active:
+        first, count = band.start[run], band.count[run]
+        wanted = rank[run] - sums.kept[run]
+        if count > band.start[run + 1] - first:
+            threshold[run] = np.nan
+            continue
+        if rank[run] >= sums.links[run]:
+            threshold[run] = np.inf
+        elif 0 <= wanted < count:
+            values[:count] = band.distance[first : first + count]
+            threshold[run] = select(values, count, wanted)
+        else:
+            threshold[run] = np.nan
+            continue
+        column = 0
+        for entry in range(first, first + count):
+            if band.distance[entry] <= threshold[run]:
+                p = batch.points[band.position[entry]]
+                x = T[run, 0, 0] * p[0] + T[run, 0, 1] * p[1] + T[run, 0, 2] * p[2] + T[run, 0, 3]
+                y = T[run, 1, 0] * p[0] + T[run, 1, 1] * p[1] + T[run, 1, 2] * p[2] + T[run, 1, 3]
+                z = T[run, 2, 0] * p[0] + T[run, 2, 1] * p[1] + T[run, 2, 2] * p[2] + T[run, 2, 3]
+                write_features(metric, x, y, z, surface[band.found[entry]], features, column)
+                column += 1
+                sums.kept[run] += 1
+                if column == BLOCK:
+                    _add_products(features, column, sums.gram[run])
+                    column = 0
+        _add_products(features, column, sums.gram[run])
+        for u in range(FEATURES):
+            for v in range(u):
+                sums.gram[run, u, v] = sums.gram[run, v, u]
+
+
+class KeptLinks:
+    """The kept links of a batch of runs, iteration by iteration, as sums of their features.
+
+    points: (m, 3) source points in spatial order [m]; positions: those of each run, ascending.
+    """
+
+    def __init__(self, reference, points, positions, chain):
+        self.tree = reference.tree
+        self.lists = reference.lists(chain.matches)
+        self.surface = reference.surface(chain.error_minimiser.needs_normals)
+        self.chain = chain
+        self.batch = make_batch(points, positions)
+        self.possible = chain.matches * np.array([len(run) for run in positions])
+        runs = len(positions)
+        room = np.where(
+            self.possible > 2 * SAMPLE, (self.possible * ROOM).astype(np.int64), self.possible
+        )
+        self.band = make_band(room)
+        self.threshold = np.full(runs, np.nan)
+        self.previous = np.full(runs, np.nan)
+        self.sums = Sums(
+            np.zeros((runs, FEATURES, FEATURES)),
+            np.zeros(runs, dtype=np.int64),
+            np.zeros(runs, dtype=np.int64),
+        )
+        strides = np.maximum(self.possible // SAMPLE, 1)
+        self.sample = make_batch(
+            points, [run[::stride] for run, stride in zip(positions, strides, strict=True)]
+        )
+        self.sampled = strides > 1
+        queries = np.diff(self.batch.block_start, axis=1).sum(axis=0).max()
+        self.work = work_arrays(queries)
+
+    def __call__(self, active, T):
+        """Sums of the active runs' kept links at T (R, 4, 4), source to centred reference."""
+        self._choose_bands(active, T)
+        self.previous[active] = self.threshold[active]
+        self._sum(active, T, self.batch, self.band)
+        self._settle(active, T, self.batch, self.band)
+        failed = active[np.isnan(self.threshold[active])]
+        for first in range(0, len(failed), REPEATED):
+            repeated = failed[first : first + REPEATED]
+            room = np.zeros_like(self.possible)
+            room[repeated] = self.possible[repeated]
+            band = make_band(room)
+            self._sum(repeated, T, self.batch, band)
+            self._settle(repeated, T, self.batch, band)
+        return self.sums
+
+    def _choose_bands(self, active, T):
+        band, ratio = self.band, self.chain.outlier_filter.ratio
+        if ratio == 1.0:
+            band.lower[:] = np.inf
+            return
+        band.lower[:], band.upper[:], steady = predicted_bands(self.threshold, self.previous)
+        unknown = active[~steady[active]]
+        band.lower[unknown], band.upper[unknown] = -np.inf, np.inf
+        unknown = unknown[self.sampled[unknown]]
+        if len(unknown) == 0:
+            return
+        room = np.zeros_like(self.possible)
+        room[unknown] = SAMPLE * 2
+        sample = make_band(room)
+        self._sum(unknown, T, self.sample, sample)
+        sampled_bands(
+            sample.distance, sample.start, sample.count, unknown, ratio, band.lower, band.upper
+        )
+
+    def _sum(self, active, T, batch, band):
+        limit = self.chain.maximum_distance
+        accumulate(
+            self.tree,
+            self.lists,
+            self.surface,
+            batch,
+            T,
+            active,
+            self.chain.matches,
+            np.inf if limit is None else limit * limit,
+            self.chain.error_minimiser.metric,
+            self.work,
+            band,
+            self.sums,
+        )
+
+    def _settle(self, active, T, batch, band):
+        rank = self.chain.outlier_filter.rank(self.sums.links)
+        metric = self.chain.error_minimiser.metric
+        settle(self.surface, batch, T, active, metric, rank, band, self.sums, self.threshold)

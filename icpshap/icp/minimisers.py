@@ -1,0 +1,117 @@
+"""Error minimisers: from the kept links of one iteration to the next rigid step.
+
+Idea: an error metric is seven features of a link (source point p where it is now, reference point
+q, its normal n), and all that its minimum needs is the features' Gram matrix, the 7x7 sum of their
+products over the links. So the matching loop makes one kind of sum for every metric, and the step
+is a little dense algebra for all runs at once. To add a metric, add a class here and its features
+to `write_features`.
+
+    point to plane   [p x n, n, -(p - q).n]     Gram = normal equations, right-hand side, error
+    point to point   [p, p - q, 1]              Gram = the moments that Kabsch's method needs
+
+Exactness: the features are those of the textbook formulas, in float64, about the centre of the
+reference, where the products are small; p - q, not q, so that the error does not cancel.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from icpshap.icp.compiled import jit
+
+FEATURES = 7
+PLANE, POINT = 0, 1
+SINGULAR = 1e-12  # smallest against largest eigenvalue below which a direction is unobservable
+
+
+@jit
+def write_features(metric, x, y, z, surface, features, column):
+    """The seven features of a link from (x, y, z) to `surface` (q, n) into features[:, column]."""
+    dx = x - surface[0]
+    dy = y - surface[1]
+    dz = z - surface[2]
+    if metric == PLANE:
+        a, b, c = surface[3], surface[4], surface[5]
+        features[0, column] = y * c - z * b
+        features[1, column] = z * a - x * c
+        features[2, column] = x * b - y * a
+        features[3, column] = a
+        features[4, column] = b
+        features[5, column] = c
+        features[6, column] = -(dx * a + dy * b + dz * c)
+    else:
+        features[0, column] = x
+        features[1, column] = y
+        features[2, column] = z
+        features[3, column] = dx
+        features[4, column] = dy
+        features[5, column] = dz
+        features[6, column] = 1.0
+
+
+@dataclass(frozen=True)
+class PointToPlane:
+    """Least squares of the distances to the tangent planes, linearised (Chen and Medioni, 1992).
+
+    The step is the rotation about the angle-axis vector x[:3] and the translation x[3:] that solve
+    the 6x6 normal equations.
+    """
+
+    metric = PLANE
+    minimum_links = 6
+    needs_normals = True
+
+    def step(self, gram):
+        """Steps (R, 4, 4) and which are determined (R,), from Gram matrices (R, 7, 7)."""
+        normal_matrix, right = gram[:, :6, :6], gram[:, :6, 6]
+        # Unit diagonal: whether it is singular must not depend on the unit of length.
+        scale = np.sqrt(np.maximum(np.diagonal(normal_matrix, axis1=1, axis2=2), 1e-300))
+        values, vectors = np.linalg.eigh(normal_matrix / (scale[:, :, None] * scale[:, None, :]))
+        determined = values[:, 0] > SINGULAR * values[:, -1]
+        values[~determined] = 1.0
+        coefficients = np.einsum("rij,ri->rj", vectors, right / scale) / values
+        x = np.einsum("rij,rj->ri", vectors, coefficients) / scale
+        x[~determined] = 0.0
+        return _rigid(Rotation.from_rotvec(x[:, :3]).as_matrix(), x[:, 3:]), determined
+
+    def squared_error(self, gram):
+        """Sum of squared distances to the planes (R,) [m^2]."""
+        return gram[:, 6, 6]
+
+
+@dataclass(frozen=True)
+class PointToPoint:
+    """Least squares of the distances between linked points (Kabsch, 1976)."""
+
+    metric = POINT
+    minimum_links = 3
+    needs_normals = False
+
+    def step(self, gram):
+        """Steps (R, 4, 4) and which are determined (R,), from Gram matrices (R, 7, 7)."""
+        count = gram[:, 6, 6, None]
+        p_mean = gram[:, :3, 6] / count
+        q_mean = p_mean - gram[:, 3:6, 6] / count
+        sum_pq = gram[:, :3, :3] - gram[:, :3, 3:6]
+        covariance = sum_pq / count[:, :, None] - p_mean[:, :, None] * q_mean[:, None, :]
+        u, values, vt = np.linalg.svd(covariance)
+        # Two directions fix a rotation; on a line, any turn about it fits as well.
+        determined = values[:, 1] > SINGULAR * values[:, 0]
+        mirrored = np.linalg.det(u) * np.linalg.det(vt) < 0
+        vt[mirrored, 2] *= -1.0
+        rotation = np.einsum("rij,rjk->rki", u, vt)
+        translation = q_mean - np.einsum("rij,rj->ri", rotation, p_mean)
+        return _rigid(rotation, translation), determined
+
+    def squared_error(self, gram):
+        """Sum of squared link lengths (R,) [m^2]."""
+        return gram[:, 3, 3] + gram[:, 4, 4] + gram[:, 5, 5]
+
+
+def _rigid(rotation, translation):
+    T = np.zeros((len(rotation), 4, 4))
+    T[:, :3, :3] = rotation
+    T[:, :3, 3] = translation
+    T[:, 3, 3] = 1.0
+    return T

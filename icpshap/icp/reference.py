@@ -1,0 +1,83 @@
+"""The reference cloud with all that its registrations share: centre, k-d tree, normals, lists.
+
+Everything is made when first needed and kept, so one Reference serves every call of `register`
+with the same reference points: all initial poses, overlap levels and runs of one noise level.
+"""
+
+import functools
+
+import numpy as np
+
+from icpshap.icp import kdtree
+from icpshap.icp.candidates import empty_lists, forget, nearly_full
+from icpshap.icp.compiled import announce_compilation
+from icpshap.icp.normals import normals
+
+
+def minimum_range(points, minimum):
+    """Mask (n,) of the points (n, 3) farther than `minimum` [m] from their frame's origin."""
+    return np.linalg.norm(points, axis=1) > minimum
+
+
+def checked_points(points, what):
+    """`points` as a float64 array (n, 3), n >= 1. Raises ValueError if it is not, or not finite."""
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
+        raise ValueError(f"{what}: expected points of shape (n, 3), n >= 1; got {points.shape}.")
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.all():
+        raise ValueError(
+            f"{what}: {np.count_nonzero(~finite)} of {len(points)} points are not finite, the "
+            f"first in row {np.argmin(finite)}. Hint: drop these rows before registration."
+        )
+    return points
+
+
+class Reference:
+    """A reference cloud to register against.
+
+    points: (n, 3) [m] in the reference frame, after any range filter. ValueError unless finite.
+    normal_neighbours: neighbours of a point, itself included, that give its normal.
+    """
+
+    def __init__(self, points, normal_neighbours=7):
+        points = checked_points(points, "reference cloud")
+        self.normal_neighbours = normal_neighbours
+        self.mean = points.mean(axis=0)
+        self._centred = points - self.mean
+        self._lists = {}
+
+    def __len__(self):
+        return len(self._centred)
+
+    @functools.cached_property
+    def tree(self):
+        """k-d tree of the points minus their mean."""
+        announce_compilation(kdtree.build)
+        return kdtree.build(self._centred)
+
+    @functools.cached_property
+    def normals(self):
+        """Unit normals (n, 3) in the tree's order; arbitrary sign. ValueError if n is too small."""
+        if len(self) < self.normal_neighbours:
+            raise ValueError(
+                f"Normals from {self.normal_neighbours} neighbours need as many reference points; "
+                f"there are {len(self)}. Hint: use point-to-point ICP or fewer normal_neighbours."
+            )
+        return normals(self.tree, self.normal_neighbours)
+
+    def surface(self, with_normals):
+        """Points and, if wanted, normals in the tree's order: rows x, y, z, normal, 0, 0 (n, 8)."""
+        surface = np.zeros((len(self), 8))
+        surface[:, :3] = self.tree.points[:, :3]
+        if with_normals:
+            surface[:, 3:6] = self.normals
+        return surface
+
+    def lists(self, matches):
+        """The candidate lists for that many matches, which fill as they are used."""
+        if matches not in self._lists:
+            self._lists[matches] = empty_lists(self.tree)
+        if nearly_full(self._lists[matches]):
+            forget(self._lists[matches])
+        return self._lists[matches]

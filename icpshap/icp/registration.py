@@ -1,0 +1,144 @@
+"""The batch loop: match, trim, step, until every run has stopped.
+
+Idea: all runs of a batch take their n-th iteration together, so that they share what one of them
+loads from memory; a run that has stopped leaves the batch. Batches are as large as memory allows.
+
+Exactness: a run's sums depend on nothing but its own points, pose and past (see the modules that
+make them), and the steps are computed matrix by matrix; so neither the other runs of a batch, nor
+their order, nor how many fit into memory can change a bit of the result.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from icpshap.icp import kdtree
+from icpshap.icp.accumulation import BLOCK, KeptLinks, accumulate
+from icpshap.icp.compiled import announce_compilation
+from icpshap.icp.reference import checked_points
+
+STATUS = ("ok", "max_iterations", "too_few_links", "degenerate")
+BLOCK_QUERIES = 65_536  # queries matched together: what stays in the cache
+BATCH_LINKS = 100_000_000  # of all runs of a batch: positions and band stay below 700 MB
+
+
+@dataclass(frozen=True)
+class Registrations:
+    """Results of R runs.
+
+    A run that fails ("too_few_links", "degenerate") keeps the pose it had reached: its initial
+    pose and the steps taken until then, `iterations` of them. Its error may be NaN.
+    """
+
+    T_reference_source: np.ndarray  # (R, 4, 4)
+    iterations: np.ndarray  # (R,) steps taken
+    status: np.ndarray  # (R,) one of STATUS
+    rmse: np.ndarray  # (R,) [m] of the kept links in the last matching, under the chain's metric
+    inlier_ratio: np.ndarray  # (R,) kept links of the last matching / (matches * source points)
+
+
+def register(reference, source, rows, T_initial, chain):
+    """ICP of R runs: source points (m, 3) [m], source frame, onto a Reference.
+
+    rows: R ascending integer arrays, the source rows each run uses.
+    T_initial: (R, 4, 4), T_reference_source at the start.
+    Returns Registrations. Raises ValueError for points, poses or rows that cannot be used.
+    """
+    source = checked_points(source, "source cloud")
+    rows, T_initial = _checked_runs(rows, T_initial, len(source))
+    if len(reference) < chain.matches:
+        raise ValueError(
+            f"{chain.matches} matches a point need as many reference points; there are "
+            f"{len(reference)}. Hint: a larger cloud or fewer matches."
+        )
+    announce_compilation(accumulate)
+    order = kdtree.build(source).index
+    position = np.empty(len(source), dtype=np.int32)
+    position[order] = np.arange(len(source), dtype=np.int32)
+    positions = [np.sort(position[run]) for run in rows]
+    result = Registrations(
+        T_reference_source=T_initial.copy(),
+        iterations=np.zeros(len(rows), dtype=np.int64),
+        status=np.full(len(rows), "max_iterations", dtype=f"<U{max(map(len, STATUS))}"),
+        rmse=np.full(len(rows), np.nan),
+        inlier_ratio=np.zeros(len(rows)),
+    )
+    for batch in _batches(positions, len(source), chain.matches):
+        _register_batch(reference, source[order], positions, chain, batch, result)
+    return result
+
+
+def _checked_runs(rows, T_initial, source_points):
+    T_initial = np.array(T_initial, dtype=float)
+    if T_initial.shape != (len(rows), 4, 4):
+        raise ValueError(f"T_initial: expected {(len(rows), 4, 4)}, got {T_initial.shape}.")
+    rotation = T_initial[:, :3, :3]
+    rigid = np.isfinite(T_initial).all(axis=(1, 2))
+    rigid[rigid] = (
+        np.abs(rotation[rigid] @ rotation[rigid].transpose(0, 2, 1) - np.eye(3)) < 1e-4
+    ).all(axis=(1, 2))
+    if not rigid.all():
+        raise ValueError(f"T_initial of run {np.argmin(rigid)} is not a rigid transformation.")
+    rows = [np.asarray(run) for run in rows]
+    for number, run in enumerate(rows):
+        if len(run) and (run[0] < 0 or run[-1] >= source_points or (np.diff(run) <= 0).any()):
+            raise ValueError(
+                f"rows of run {number}: expected ascending row numbers below {source_points}."
+            )
+    return rows, T_initial
+
+
+def _batches(positions, source_points, matches):
+    """Slices of runs that fit into memory and cache together."""
+    first, size = 0, 0.0
+    for run, points in enumerate(positions):
+        needed = len(points) * max(matches / BATCH_LINKS, BLOCK / (source_points * BLOCK_QUERIES))
+        if run > first and size + needed > 1.0:
+            yield slice(first, run)
+            first, size = run, 0.0
+        size += needed
+    if first < len(positions):
+        yield slice(first, len(positions))
+
+
+def _register_batch(reference, points, positions, chain, batch, result):
+    """Write the results of the runs in the slice `batch` into `result`."""
+    minimiser, stopping = chain.error_minimiser, chain.stopping
+    kept_links = KeptLinks(reference, points, positions[batch], chain)
+    T_start = result.T_reference_source[batch].copy()
+    T_start[:, :3, 3] -= reference.mean  # the steps below act in the reference's centred frame
+    runs = len(T_start)
+    T = np.tile(np.eye(4), (runs, 1, 1))
+    angles = np.empty((runs, 3))
+    lengths = np.empty((runs, 3))
+    iterations = result.iterations[batch]
+    status = result.status[batch]
+    active = np.arange(runs)
+    for iteration in range(stopping.maximum_iterations):
+        sums = kept_links(active, T @ T_start)
+        enough = sums.kept[active] >= minimiser.minimum_links
+        status[active[~enough]] = "too_few_links"
+        active = active[enough]
+        step, determined = minimiser.step(sums.gram[active])
+        status[active[~determined]] = "degenerate"
+        active, step = active[determined], step[determined]
+        T_next = step @ T[active]
+        last = iteration % 3
+        angles[active, last] = Rotation.from_matrix(step[:, :3, :3]).magnitude()
+        lengths[active, last] = np.linalg.norm(T_next[:, :3, 3] - T[active, :3, 3], axis=1)
+        T[active] = T_next
+        iterations[active] = iteration + 1
+        if iteration >= 2:
+            still = angles[active].mean(axis=1) < stopping.rotation
+            still &= lengths[active].mean(axis=1) < stopping.translation
+            status[active[still]] = "ok"
+            active = active[~still]
+        if len(active) == 0:
+            break
+    result.T_reference_source[batch] = T @ T_start
+    result.T_reference_source[batch, :3, 3] += reference.mean
+    with np.errstate(invalid="ignore"):
+        result.rmse[batch] = np.sqrt(minimiser.squared_error(sums.gram) / sums.kept)
+    possible = chain.matches * np.array([len(run) for run in positions[batch]])
+    result.inlier_ratio[batch] = sums.kept / np.maximum(possible, 1)

@@ -1,0 +1,73 @@
+"""Trimming: the squared length up to which the links of a run are kept, exactly, without sorting.
+
+Idea: the threshold is one order statistic of all of a run's squared link lengths, and it moves
+slowly from one iteration to the next. So a band that will contain it is predicted. Links below the
+band are counted and summed as they are found, links above it are forgotten, and only the few
+inside are stored; the threshold is selected among those (quickselect).
+
+Exactness: the counts below and inside the band prove whether it contains the wanted rank; if it
+does not, the run's iteration is repeated with a band that holds everything. The prediction uses
+the run's own past, or at first a sample of its own links, so the band, and with it the order in
+which links are summed, is the same whatever other runs are computed beside it.
+
+Measured: docs/engine.md.
+"""
+
+import numpy as np
+
+from icpshap.icp.compiled import jit
+
+SAMPLE = 4096  # links from which the first band is estimated
+SAMPLE_WIDTH = 0.06  # of the band on either side of the rank, as a share of the links
+STEADY = 0.2  # largest relative change of the threshold from which the next one is predicted
+ROOM = 0.16  # share of a run's links that a band may hold
+
+
+@jit
+def select(values, count, rank):
+    """The `rank`-th smallest (0-based) of values[:count], which is reordered (quickselect)."""
+    low, high = 0, count - 1
+    while low < high:
+        a, b, c = values[low], values[(low + high) >> 1], values[high]
+        pivot = max(min(a, b), min(max(a, b), c))
+        i, j = low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i += 1
+                j -= 1
+        if rank <= j:
+            high = j
+        elif rank >= i:
+            low = i
+        else:
+            break
+    return values[rank]
+
+
+@jit
+def sampled_bands(distance, start, count, active, ratio, lower, upper):
+    """Set the active runs' bands from the lengths of a sample of their links, which is reordered.
+
+    distance[start[run]:] holds count[run] squared lengths [m^2].
+    """
+    for run in active:
+        values, links = distance[start[run] : start[run] + count[run]], count[run]
+        below = int(links * (ratio - SAMPLE_WIDTH))
+        above = int(links * (ratio + SAMPLE_WIDTH)) + 1
+        lower[run] = select(values, links, below) if 0 < below < links else -np.inf
+        upper[run] = select(values, links, above) if above < links else np.inf
+
+
+def predicted_bands(threshold, previous):
+    """Bands (lower, upper) and where to use them, (R,) each, from the last two thresholds (R,)."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        change = threshold / previous
+    steady = np.abs(change - 1.0) < STEADY
+    change[~steady] = 1.0
+    width = 0.5 * np.abs(1.0 - change) + 0.02
+    return threshold * change * (1.0 - width), threshold * change * (1.0 + width), steady

@@ -1,0 +1,27 @@
+"""Where a job writes: everything into its log, one line for the person who watches."""
+
+import logging
+import os
+import sys
+from contextlib import contextmanager
+
+
+@contextmanager
+def job_log(path):
+    """Send all that a job writes, compiled libraries included, to the file `path`.
+
+    Yields the terminal as it was, for the one line that a job says. A ValueError or OSError is the
+    user's to mend: its message goes into the log without a traceback, and the job fails.
+    """
+    with open(path, "w", buffering=1) as log:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        with os.fdopen(os.dup(2), "w", buffering=1) as terminal:
+            os.dup2(log.fileno(), 1)
+            os.dup2(log.fileno(), 2)
+            logging.basicConfig(level=logging.INFO, format="%(message)s", stream=log, force=True)
+            try:
+                yield terminal
+            except (ValueError, OSError) as error:
+                logging.error("%s: %s", type(error).__name__, error)
+                sys.exit(1)

@@ -1,0 +1,463 @@
+"""From a configuration to typed settings, with every error of it reported at once.
+
+The schema (workflow/schemas/config.schema.yaml) says which keys there are, their types and ranges;
+this module adds what a schema cannot say: names that must exist, pairs that must lie in a sequence.
+"""
+
+import difflib
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+
+import yaml
+from jsonschema import Draft202012Validator
+
+SCHEMA = Path(__file__).parent.parent / "workflow" / "schemas" / "config.schema.yaml"
+
+
+class SettingsError(ValueError):
+    """The configuration is wrong; the message lists every error."""
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """What the uncertainty sources refer to; units in the schema."""
+
+    initial_pose_rotation: float
+    initial_pose_translation: float
+    overlap_distance: float
+    minimum_overlap: float
+
+
+@dataclass(frozen=True)
+class Registration:
+    """From a perturbed pair to pose samples; each field is the config key of the same name."""
+
+    runs: int
+    minimum_range: float
+    subsampling_probability: float
+    subsampling_mask: str
+    metric: str
+    normal_neighbours: int
+    matches: int
+    kept_links: float
+    maximum_distance: float | None
+    maximum_iterations: int
+    stop_rotation: float
+    stop_translation: float
+    initial_pose_scaling: str
+    initial_pose_composition: str
+    noise_draws: int
+    reference_noise_additions: int
+    overlap_removal: str
+    common_random_numbers: bool
+    wrong_basin_translation: float
+    wrong_basin_rotation: float
+
+
+@dataclass(frozen=True)
+class Estimator(Registration):
+    """From a perturbed pair to an uncertainty: a registration, and how its samples are read."""
+
+    covariance_floor_rotation: float
+    covariance_floor_translation: float
+    divergence: str
+    bias_correction: str
+    wrong_basins: str
+    interval: str
+
+    @property
+    def registration(self):
+        """The part that decides the pose samples."""
+        keys = Registration.__dataclass_fields__
+        return Registration(**{key: getattr(self, key) for key in keys})
+
+    @property
+    def method(self):
+        """The other part, by key: how numbers are read off the pose samples."""
+        keys = Registration.__dataclass_fields__
+        return {key: value for key, value in asdict(self).items() if key not in keys}
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """One recording; exactly one of archive, folder and simulated is a mapping."""
+
+    key: str
+    title: str
+    scans: int
+    drop_non_finite: bool
+    archive: dict | None
+    folder: dict | None
+    simulated: dict | None
+
+    @property
+    def kind(self):
+        return next(kind for kind in KINDS if getattr(self, kind) is not None)
+
+
+KINDS = ("archive", "folder", "simulated")
+EXPERIMENT_KEYS = ("estimator", "pairs", "instances", "figures")
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Pairs by sequence, and levels by uncertainty source; every combination is explained."""
+
+    name: str
+    estimator: str
+    pairs: dict[str, tuple[tuple[int, int], ...]]
+    levels: dict[str, tuple[float, ...]]
+    replicates: int
+    figures: tuple[str, ...]
+    waterfall: dict[str, float] | None
+    scenes: dict[str, tuple[tuple[int, int], ...]]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The whole configuration. `sequences` and `run` select among `data` and `experiments`."""
+
+    seed: int
+    sequences: tuple[str, ...]
+    run: tuple[str, ...]
+    runs_per_job: int
+    perturbation: Perturbation
+    data: dict[str, Sequence]
+    estimators: dict[str, Estimator]
+    experiments: dict[str, Experiment]
+
+
+def load(config):
+    """Typed settings of a configuration mapping.
+
+    Strings in the place of numbers are accepted: that is how ``--config 'a={b: 1}'`` and YAML's
+    ``1e-3`` arrive. Raises SettingsError with one line for every error.
+    """
+    schema = read_schema()
+    config = _coerce(config, schema)
+    violations = list(_leaves(Draft202012Validator(schema).iter_errors(config)))
+    broken = {
+        tuple(violation.absolute_path)[:2]
+        for violation in violations
+        if violation.absolute_path or violation.validator == "required"
+    }
+    errors = [_describe(violation) for violation in violations]
+    errors += _inconsistencies(config, broken)
+    if errors:
+        errors = list(dict.fromkeys(errors))
+        lines = "\n".join(f"  - {error}" for error in errors)
+        raise SettingsError(
+            f"The configuration has {len(errors)} error(s):\n{lines}\n"
+            "Hint: config.yaml explains every key; config/demo.yaml shows how to override them."
+        )
+    return Settings(
+        seed=config["seed"],
+        sequences=tuple(config["sequences"]),
+        run=tuple(config["run"]),
+        runs_per_job=config["runs_per_job"],
+        perturbation=Perturbation(**config["perturbation"]),
+        data={key: _sequence(key, block) for key, block in config["data"].items()},
+        estimators={
+            name: Estimator(**_inherited(config["estimators"], name))
+            for name in config["estimators"]
+        },
+        experiments={
+            name: _experiment(name, _inherited(config["experiments"], name), config)
+            for name in config["experiments"]
+        },
+    )
+
+
+def expand_levels(levels):
+    """Levels of one uncertainty source: a list as it is, else round(start + k step, 12)."""
+    if isinstance(levels, list):
+        return tuple(float(level) for level in levels)
+    start, stop, step = (float(levels[key]) for key in ("start", "stop", "step"))
+    count = int((stop - start) / step + 1e-9) + 1
+    return tuple(round(start + k * step, 12) for k in range(count))
+
+
+@cache
+def read_schema():
+    return yaml.safe_load(SCHEMA.read_text())
+
+
+# --- building -------------------------------------------------------------------------------------
+
+
+def _sequence(key, block):
+    return Sequence(
+        key=key,
+        title=block.get("title", key),
+        scans=block["scans"],
+        drop_non_finite=block.get("drop_non_finite", False),
+        **{kind: block.get(kind) for kind in KINDS},
+    )
+
+
+def _experiment(name, block, config):
+    instances = block["instances"]
+    grid = instances.get("grid") or {key: [value] for key, value in instances["fixed"].items()}
+    levels = {source: expand_levels(grid[source]) for source in grid}
+    waterfall = block.get("waterfall")
+    if waterfall is None and "fixed" in instances:
+        waterfall = instances["fixed"]
+    if block["pairs"] == "consecutive":
+        pairs = {
+            sequence: tuple((i, i + 1) for i in range(config["data"][sequence]["scans"] - 1))
+            for sequence in block["sequences"]
+        }
+    else:
+        pairs = _by_sequence(block["pairs"])
+    return Experiment(
+        name=name,
+        estimator=block["estimator"],
+        pairs=pairs,
+        levels=levels,
+        replicates=block.get("replicates", 1),
+        figures=tuple(block["figures"]),
+        waterfall=waterfall and {key: float(value) for key, value in waterfall.items()},
+        scenes=_by_sequence(block.get("scenes", [])),
+    )
+
+
+def _by_sequence(pairs):
+    result = {}
+    for pair in pairs:
+        indices = (pair["reference"], pair["source"])
+        result[pair["sequence"]] = (*result.get(pair["sequence"], ()), indices)
+    return result
+
+
+def _inherited(blocks, name):
+    """A block with the values of those it is based on. Raises _Unresolved if that leads nowhere."""
+    block, names = blocks[name], [name]
+    while "based_on" in block:
+        base = block["based_on"]
+        if base not in blocks:
+            raise _Unresolved(f"{names[-1]}.based_on: {_unknown(base, blocks)}")
+        if base in names:
+            raise _Unresolved(f"{name}.based_on: circle {' -> '.join([*names, base])}")
+        names.append(base)
+        given = {key: value for key, value in block.items() if key != "based_on"}
+        block = {**blocks[base], **given}
+    return block
+
+
+class _Unresolved(ValueError):
+    """A block is based on one that does not exist, or on itself."""
+
+
+def _complete(section, blocks, name, required):
+    """A block with what it inherits, or what is wrong with that, as (block, errors)."""
+    try:
+        block = _inherited(blocks, name)
+    except _Unresolved as error:
+        return None, [f"{section}.{error}"]
+    missing = [key for key in required if key not in block]
+    if missing:
+        hint = "give them, or `based_on` another one that has them"
+        return None, [f"{section}.{name}: missing {', '.join(missing)}. Hint: {hint}"]
+    return block, []
+
+
+# --- checking -------------------------------------------------------------------------------------
+
+
+def _inconsistencies(config, broken):
+    """What the schema cannot say, for every block that obeys it."""
+    if any(path in broken for path in [(), ("data",), ("estimators",), ("experiments",)]):
+        return
+    data, estimators, experiments = config["data"], config["estimators"], config["experiments"]
+    for key, names, section in (("sequences", data, "data"), ("run", experiments, "experiments")):
+        for name in config[key] if (key,) not in broken else []:
+            if name not in names:
+                yield f"{key}: {_unknown(name, names)}. Hint: define it under {section}"
+    for name, block in data.items():
+        if not any(path[0] == "data" for path in broken):
+            yield from _sequence_inconsistencies(f"data.{name}", block)
+    for name in estimators:
+        if not any(path[0] == "estimators" for path in broken):
+            yield from _estimator_inconsistencies(name, estimators)
+    for name in experiments:
+        if not any(path[0] in ("experiments", "data") for path in broken):
+            block, errors = _complete("experiments", experiments, name, EXPERIMENT_KEYS)
+            yield from errors or _experiment_inconsistencies(
+                f"experiments.{name}", block, data, estimators
+            )
+
+
+def _sequence_inconsistencies(where, block):
+    kinds = [kind for kind in KINDS if block.get(kind) is not None]
+    if len(kinds) != 1:
+        yield (
+            f"{where}: expected exactly one of {', '.join(KINDS)}, "
+            f"found {', '.join(kinds) or 'none'}. "
+            "Hint: `archive: null` unsets a key of config.yaml"
+        )
+    archive = block.get("archive")
+    if archive is not None and ("url" in archive) == ("path" in archive):
+        yield f"{where}.archive: expected exactly one of url and path"
+
+
+def _estimator_inconsistencies(name, estimators):
+    block, errors = _complete("estimators", estimators, name, Estimator.__dataclass_fields__)
+    if errors:
+        yield from errors
+        return
+    if block["bias_correction"] == "wishart" and block["common_random_numbers"]:
+        yield (
+            f"estimators.{name}.bias_correction: wishart holds for independent samples only. "
+            "Hint: use jackknife, or common_random_numbers: false"
+        )
+    if block["runs"] % block["noise_draws"]:
+        yield (
+            f"estimators.{name}.noise_draws: {block['noise_draws']} does not divide "
+            f"runs: {block['runs']}"
+        )
+
+
+def _experiment_inconsistencies(where, block, data, estimators):
+    if block["estimator"] not in estimators:
+        yield f"{where}.estimator: {_unknown(block['estimator'], estimators)}"
+    if block["pairs"] == "consecutive":
+        if "sequences" not in block:
+            yield f"{where}.sequences: missing; `pairs: consecutive` needs it"
+        for sequence in block.get("sequences", []):
+            if sequence not in data:
+                yield f"{where}.sequences: {_unknown(sequence, data)}"
+    elif "sequences" in block:
+        yield f"{where}.sequences: a list of pairs names its own sequences. Hint: remove the key"
+    listed = block["pairs"] if block["pairs"] != "consecutive" else []
+    for key, pairs in (("pairs", listed), ("scenes", block.get("scenes", []))):
+        for pair in pairs:
+            if pair["sequence"] not in data:
+                yield f"{where}.{key}: {_unknown(pair['sequence'], data)}"
+                continue
+            scans = data[pair["sequence"]]["scans"]
+            for role in ("reference", "source"):
+                if pair[role] >= scans:
+                    yield (
+                        f"{where}.{key}: {role} {pair[role]} of {pair['sequence']} does not exist, "
+                        f"expected 0 to {scans - 1} (data.{pair['sequence']}.scans is {scans})"
+                    )
+            if pair["reference"] == pair["source"]:
+                yield f"{where}.{key}: reference and source are both scan {pair['source']}"
+            elif key == "scenes" and not _is_registered(pair, block):
+                yield (
+                    f"{where}.scenes: {pair['sequence']} {pair['reference']}, {pair['source']} is "
+                    "not one of the experiment's pairs. Hint: list it under pairs too"
+                )
+    if "waterfall" in block["figures"] and (block["pairs"] == "consecutive" or len(listed) > 1):
+        yield (
+            f"{where}.figures: waterfall shows one pair, and the experiment has several. "
+            "Hint: leave it out, or give the pair an experiment of its own"
+        )
+    yield from _instance_inconsistencies(where, block)
+
+
+def _is_registered(pair, block):
+    if block["pairs"] == "consecutive":
+        return pair["sequence"] in block["sequences"] and pair["source"] == pair["reference"] + 1
+    return pair in block["pairs"]
+
+
+def _instance_inconsistencies(where, block):
+    instances = block["instances"]
+    for source, levels in instances.get("grid", {}).items():
+        if isinstance(levels, dict) and levels["stop"] < levels["start"]:
+            yield f"{where}.instances.grid.{source}: stop {levels['stop']} is below start"
+        elif source == "initial_pose" and min(expand_levels(levels)) <= 0:
+            yield f"{where}.instances.grid.initial_pose: the scale s must be above 0"
+        elif source == "partial_overlap" and max(expand_levels(levels)) > 1:
+            yield f"{where}.instances.grid.partial_overlap: lambda must be at most 1"
+        elif "waterfall" in block and block["waterfall"][source] not in expand_levels(levels):
+            yield (
+                f"{where}.waterfall.{source}: {block['waterfall'][source]} "
+                "is not a level of the grid"
+            )
+    if "fixed" in instances and block.get("waterfall", instances["fixed"]) != instances["fixed"]:
+        yield f"{where}.waterfall: is not the fixed instance"
+    if "waterfall" in block["figures"] and "grid" in instances and "waterfall" not in block:
+        yield f"{where}.waterfall: missing; figures asks for a waterfall plot of an instance"
+
+
+def _unknown(name, names, what="name"):
+    close = difflib.get_close_matches(str(name), [str(known) for known in names], n=1)
+    if close:
+        return f"unknown {what} '{name}', did you mean '{close[0]}'?"
+    return f"unknown {what} '{name}', expected one of {', '.join(map(str, names))}"
+
+
+# --- the schema -----------------------------------------------------------------------------------
+
+
+def _resolve_reference(schema):
+    while "$ref" in schema:
+        schema = {**read_schema()["$defs"][schema["$ref"].rsplit("/", 1)[1]]}
+    return schema
+
+
+def _coerce(value, schema):
+    """The value with strings turned into the number, truth value or null that the schema wants."""
+    schema = _resolve_reference(schema)
+    for branch in schema.get("oneOf", []):
+        branch = _resolve_reference(branch)
+        if {"array": list, "object": dict, "string": str}[branch["type"]] is type(value):
+            return _coerce(value, branch)
+    if isinstance(value, dict):
+        properties, others = schema.get("properties", {}), schema.get("additionalProperties")
+        others = others if isinstance(others, dict) else {}
+        return {key: _coerce(item, properties.get(key, others)) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_coerce(item, schema.get("items", {})) for item in value]
+    kinds = schema.get("type", [])
+    kinds = [kinds] if isinstance(kinds, str) else kinds
+    if isinstance(value, str) and "string" not in kinds:
+        return _parse(value, kinds)
+    return value
+
+
+def _parse(text, kinds):
+    words = {"true": True, "false": False} if "boolean" in kinds else {}
+    words |= {"null": None, "none": None} if "null" in kinds else {}
+    if text.lower() in words:
+        return words[text.lower()]
+    for kind, cast in (("integer", int), ("number", float)):
+        if kind in kinds:
+            try:
+                return cast(text)
+            except ValueError:
+                pass
+    return text
+
+
+def _leaves(errors):
+    """Errors of the branch that was meant, where the schema offers several."""
+    for error in errors:
+        if error.validator != "oneOf":
+            yield error
+            continue
+        other = {cause.schema_path[0] for cause in error.context if _is_other_type(cause)}
+        meant = [cause for cause in error.context if cause.schema_path[0] not in other]
+        yield from _leaves(meant) if meant else [error]
+
+
+def _is_other_type(cause):
+    return cause.validator == "type" and not cause.path
+
+
+def _describe(error):
+    where = ".".join(str(part) for part in error.absolute_path) or "configuration"
+    if error.validator == "additionalProperties":
+        known = error.schema.get("properties", {})
+        unknown = [key for key in error.instance if key not in known]
+        return "; ".join(f"{where}: {_unknown(key, known, 'key')}" for key in unknown)
+    if error.validator == "required":
+        missing = [key for key in error.validator_value if key not in error.instance]
+        return f"{where}: missing {', '.join(missing)}"
+    if error.validator == "enum":
+        return f"{where}: {_unknown(error.instance, error.validator_value)}"
+    meaning = error.schema.get("description")
+    return f"{where}: {error.message}" + (f" ({meaning})" if meaning else "")

@@ -1,0 +1,195 @@
+"""Settings of the workflow, and the questions that rules ask of them."""
+
+from dataclasses import asdict
+
+from icpshap import plan, provenance, settings
+from icpshap.dataset import DataError, find_folder_files
+from icpshap.sources import NAMES
+
+try:
+    SETTINGS = settings.load(config)
+except settings.SettingsError as error:
+    raise WorkflowError(str(error)) from None
+
+# Jobs are parallel by processes; a library that starts threads of its own only gets in their way.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ[variable] = "1"
+os.environ.setdefault("NUMBA_CACHE_DIR", f"{workflow.basedir}/.cache/numba")
+os.environ.setdefault("MPLCONFIGDIR", f"{workflow.basedir}/.cache/matplotlib")
+# Figures are drawn into files; no window may open.
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+
+def keys_of_kind(kind):
+    """Regular expression of the sequences that are an archive, a folder or simulated."""
+    keys = [key for key, sequence in SETTINGS.data.items() if sequence.kind == kind]
+    return "|".join(keys) or "(?!)"
+
+
+wildcard_constraints:
+    sequence="[a-z][a-z0-9_]*",
+    experiment="[a-z][a-z0-9_]*",
+    # An experiment, or one sequence of it.
+    scope="[a-z][a-z0-9_]*(/[a-z][a-z0-9_]*)?",
+    index=r"\d+",
+    reference=r"\d+",
+    source=r"\d+",
+    chunk=r"\d+",
+
+
+def code_digest(rule):
+    """Digest of the library modules that a rule's script imports: editing them runs it again."""
+    return provenance.code_digest(f"{workflow.basedir}/workflow/scripts/{rule}.py")
+
+
+def sequence_of(wildcards):
+    return SETTINGS.data[wildcards.sequence]
+
+
+def experiment_of(wildcards):
+    return SETTINGS.experiments[wildcards.experiment]
+
+
+def estimator_of(wildcards):
+    return SETTINGS.estimators[experiment_of(wildcards).estimator]
+
+
+def pairs_of(wildcards):
+    return experiment_of(wildcards).pairs[wildcards.sequence]
+
+
+def jobs_of(wildcards):
+    """The settings of each job of a pair, in the order of the chunks."""
+    experiment = experiment_of(wildcards)
+    return plan.jobs(
+        experiment.levels,
+        experiment.replicates,
+        estimator_of(wildcards).runs,
+        SETTINGS.runs_per_job,
+    )
+
+
+def folder_files(wildcards):
+    """Scan files and pose file of a folder sequence, known without reading them."""
+    sequence = sequence_of(wildcards)
+    try:
+        return find_folder_files(
+            sequence.folder["path"], sequence.scans, sequence.folder.get("poses")
+        )
+    except DataError as error:
+        raise WorkflowError(f"data.{sequence.key}: {error}") from None
+
+
+def local_archive(wildcards):
+    return sequence_of(wildcards).archive.get("path", [])
+
+
+def scans_of_pairs(wildcards):
+    indices = sorted({index for pair in pairs_of(wildcards) for index in pair})
+    return [f"resources/{wildcards.sequence}/scan_{index}.parquet" for index in indices]
+
+
+def overlaps_of_pairs(wildcards):
+    return [
+        f"resources/{wildcards.sequence}/overlap/{reference}-{source}.parquet"
+        for reference, source in pairs_of(wildcards)
+    ]
+
+
+def runs_of_pairs(wildcards):
+    chunks = len(jobs_of(wildcards))
+    return [
+        f"results/{wildcards.experiment}/{wildcards.sequence}/runs/{i}-{j}/{chunk}.parquet"
+        for i, j in pairs_of(wildcards)
+        for chunk in range(chunks)
+    ]
+
+
+def selected_sequences(experiment):
+    """The sequences of an experiment that are selected, in the experiment's order."""
+    return [key for key in experiment.pairs if key in SETTINGS.sequences]
+
+
+def scopes(experiment):
+    """The whole experiment when all of its sequences are selected, else each selected sequence."""
+    selected = selected_sequences(experiment)
+    if len(selected) == len(experiment.pairs):
+        return [experiment.name]
+    return [f"{experiment.name}/{key}" for key in selected]
+
+
+FIGURES = {
+    "summary": ["summary"],
+    "waterfall": ["waterfall"],
+    "dependence": [
+        "dependence_sensor_noise_by_initial_pose",
+        "dependence_initial_pose_by_partial_overlap",
+        "dependence_partial_overlap_by_initial_pose",
+    ],
+    "interactions": ["interactions"],
+    "pairs": ["pairs"],
+}
+
+
+def study_of(wildcards):
+    """How the numbers of a scope came about, as far as figures and captions say it."""
+    name = wildcards.get("experiment") or wildcards.scope.split("/")[0]
+    experiment = SETTINGS.experiments[name]
+    estimator = SETTINGS.estimators[experiment.estimator]
+    return {
+        "name": experiment.name,
+        "estimator": experiment.estimator,
+        "divergence": estimator.divergence,
+        "noise_draws": estimator.noise_draws,
+        "bias_correction": estimator.bias_correction,
+        "wrong_basins": estimator.wrong_basins,
+        "titles": {key: SETTINGS.data[key].title for key in experiment.pairs},
+        "waterfall": experiment.waterfall,
+    }
+
+
+def figures_of(experiment, scope):
+    """Pictures of an experiment, or of one sequence of it."""
+    names = [name for family in experiment.figures for name in FIGURES[family]]
+    figures = [f"results/{scope}/figures/{name}.png" for name in names]
+    return figures + [
+        f"results/{experiment.name}/{sequence}/figures/scene_{reference}-{source}.{kind}"
+        for sequence, pairs in experiment.scenes.items()
+        if scope in (experiment.name, f"{experiment.name}/{sequence}")
+        for reference, source in pairs
+        for kind in ("png", "html")
+    ]
+
+
+def runs_of_scene(wildcards):
+    folder = f"results/{wildcards.experiment}/{wildcards.sequence}/runs"
+    pair = f"{wildcards.reference}-{wildcards.source}"
+    return [f"{folder}/{pair}/{chunk}.parquet" for chunk in range(len(jobs_of(wildcards)))]
+
+
+def perturbation_of_scene(wildcards):
+    """The instance of the waterfall plot, or every source at its largest level."""
+    experiment = experiment_of(wildcards)
+    return experiment.waterfall or {name: max(experiment.levels[name]) for name in NAMES}
+
+
+def tables_of(experiment, scope):
+    """Medians are of pairs; over the perturbations of a grid they would mean little."""
+    if any(len(levels) > 1 for levels in experiment.levels.values()):
+        return []
+    return [f"results/{scope}/tables/median_shap.md"]
+
+
+def targets():
+    """The files of every selected experiment that has a selected sequence."""
+    paths = []
+    for name in SETTINGS.run:
+        experiment = SETTINGS.experiments[name]
+        if not selected_sequences(experiment):
+            known = ", ".join(experiment.pairs)
+            logger.info(f"Skipping {name}: none of its sequences ({known}) is selected.")
+        for scope in scopes(experiment):
+            paths += [f"results/{scope}/uncertainty.parquet", f"results/{scope}/shap.parquet"]
+            paths += figures_of(experiment, scope)
+            paths += tables_of(experiment, scope)
+    return paths

@@ -1,0 +1,150 @@
+"""From archives, folders and simulated scenes to one kind of table.
+
+Outputs: resources/{sequence}/scan_{index}.parquet, resources/{sequence}/poses.parquet
+"""
+
+
+rule fetch_scan:
+    """Fetch a scan of an archive: of a remote one, little more than its own bytes."""
+    input:
+        local_archive,
+    output:
+        "resources/{sequence}/scan_{index}.parquet",
+    log:
+        "logs/fetch_scan/{sequence}/{index}.log",
+    benchmark:
+        "logs/fetch_scan/{sequence}/{index}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_kind("archive"),
+    priority: 10
+    threads: 1
+    resources:
+        mem_mb=500,
+        download=1,
+    params:
+        code=code_digest("fetch_scan"),
+        archive=lambda wildcards: sequence_of(wildcards).archive,
+        cache=lambda wildcards: f"resources/{wildcards.sequence}/archive",
+        drop_non_finite=lambda wildcards: sequence_of(wildcards).drop_non_finite,
+        scans=lambda wildcards: sequence_of(wildcards).scans,
+    script:
+        "../scripts/fetch_scan.py"
+
+
+rule fetch_poses:
+    """Fetch the poses of an archive."""
+    input:
+        local_archive,
+    output:
+        "resources/{sequence}/poses.parquet",
+    log:
+        "logs/fetch_poses/{sequence}.log",
+    benchmark:
+        "logs/fetch_poses/{sequence}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_kind("archive"),
+    priority: 10
+    threads: 1
+    resources:
+        mem_mb=500,
+        download=1,
+    params:
+        code=code_digest("fetch_poses"),
+        archive=lambda wildcards: sequence_of(wildcards).archive,
+        cache=lambda wildcards: f"resources/{wildcards.sequence}/archive",
+        scans=lambda wildcards: sequence_of(wildcards).scans,
+    script:
+        "../scripts/fetch_poses.py"
+
+
+rule read_scan:
+    """Read a scan of a folder."""
+    input:
+        lambda wildcards: folder_files(wildcards)[0][int(wildcards.index)],
+    output:
+        "resources/{sequence}/scan_{index}.parquet",
+    log:
+        "logs/read_scan/{sequence}/{index}.log",
+    benchmark:
+        "logs/read_scan/{sequence}/{index}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_kind("folder"),
+    priority: 10
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        code=code_digest("read_scan"),
+        drop_non_finite=lambda wildcards: sequence_of(wildcards).drop_non_finite,
+    script:
+        "../scripts/read_scan.py"
+
+
+rule read_poses:
+    """Read the poses of a folder."""
+    input:
+        lambda wildcards: folder_files(wildcards)[1],
+    output:
+        "resources/{sequence}/poses.parquet",
+    log:
+        "logs/read_poses/{sequence}.log",
+    benchmark:
+        "logs/read_poses/{sequence}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_kind("folder"),
+    priority: 10
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        code=code_digest("read_poses"),
+        scans=lambda wildcards: sequence_of(wildcards).scans,
+    script:
+        "../scripts/read_poses.py"
+
+
+rule simulate_sequence:
+    """Simulate the scans of a built-in scene; one job makes one scan or the poses."""
+    output:
+        "resources/{sequence}/{part}.parquet",
+    log:
+        "logs/simulate_sequence/{sequence}/{part}.log",
+    benchmark:
+        "logs/simulate_sequence/{sequence}/{part}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_kind("simulated"),
+        part=r"poses|scan_\d+",
+    priority: 10
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        code=code_digest("simulate_sequence"),
+        scans=lambda wildcards: sequence_of(wildcards).scans,
+        simulated=lambda wildcards: sequence_of(wildcards).simulated,
+        seed=SETTINGS.seed,
+    script:
+        "../scripts/simulate_sequence.py"
+
+
+rule measure_overlap:
+    """Mark the source points of a pair that overlap with the reference at the true pose."""
+    input:
+        reference="resources/{sequence}/scan_{reference}.parquet",
+        source="resources/{sequence}/scan_{source}.parquet",
+        poses="resources/{sequence}/poses.parquet",
+    output:
+        "resources/{sequence}/overlap/{reference}-{source}.parquet",
+    log:
+        "logs/measure_overlap/{sequence}/{reference}-{source}.log",
+    benchmark:
+        "logs/measure_overlap/{sequence}/{reference}-{source}.tsv"
+    priority: 10
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        code=code_digest("measure_overlap"),
+        distance=SETTINGS.perturbation.overlap_distance,
+    script:
+        "../scripts/measure_overlap.py"
