@@ -21,6 +21,12 @@ from icpshap.uncertainty import (
 __all__ = ["Method", "explain", "load_explanation", "negative_values", "resampled_values"]
 
 PAIR = ("sequence", "reference", "source")
+INTERVAL_CONDITIONS = {
+    "runs": "conditional on the one noise draw and the one overlap draw",
+    "noise draws": "over noise draws, conditional on the one overlap draw",
+    "replicates": "over repetitions with independent seeds",
+}
+"""What an interval covers, by the value of `interval_over`; for captions."""
 
 
 def explain(runs, instances, sources, method, pair, reason=""):
