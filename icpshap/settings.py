@@ -344,7 +344,23 @@ def _experiment_inconsistencies(where, block, data, estimators):
                     )
             if pair["reference"] == pair["source"]:
                 yield f"{where}.{key}: reference and source are both scan {pair['source']}"
+            elif key == "scenes" and not _is_registered(pair, block):
+                yield (
+                    f"{where}.scenes: {pair['sequence']} {pair['reference']}, {pair['source']} is "
+                    "not one of the experiment's pairs. Hint: list it under pairs too"
+                )
+    if "waterfall" in block["figures"] and (block["pairs"] == "consecutive" or len(listed) > 1):
+        yield (
+            f"{where}.figures: waterfall shows one pair, and the experiment has several. "
+            "Hint: leave it out, or give the pair an experiment of its own"
+        )
     yield from _instance_inconsistencies(where, block)
+
+
+def _is_registered(pair, block):
+    if block["pairs"] == "consecutive":
+        return pair["sequence"] in block["sequences"] and pair["source"] == pair["reference"] + 1
+    return pair in block["pairs"]
 
 
 def _instance_inconsistencies(where, block):

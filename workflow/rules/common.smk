@@ -4,6 +4,7 @@ from dataclasses import asdict
 
 from icpshap import plan, provenance, settings
 from icpshap.dataset import DataError, find_folder_files
+from icpshap.sources import NAMES
 
 try:
     SETTINGS = settings.load(config)
@@ -15,6 +16,8 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "
     os.environ[variable] = "1"
 os.environ.setdefault("NUMBA_CACHE_DIR", f"{workflow.basedir}/.cache/numba")
 os.environ.setdefault("MPLCONFIGDIR", f"{workflow.basedir}/.cache/matplotlib")
+# Figures are drawn into files; no window may open.
+os.environ.setdefault("MPLBACKEND", "Agg")
 
 
 def keys_of_kind(kind):
@@ -115,6 +118,68 @@ def scopes(experiment):
     return [f"{experiment.name}/{key}" for key in selected]
 
 
+FIGURES = {
+    "summary": ["summary"],
+    "waterfall": ["waterfall"],
+    "dependence": [
+        "dependence_sensor_noise_by_initial_pose",
+        "dependence_initial_pose_by_partial_overlap",
+        "dependence_partial_overlap_by_initial_pose",
+    ],
+    "interactions": ["interactions"],
+    "pairs": ["pairs"],
+}
+
+
+def study_of(wildcards):
+    """How the numbers of a scope came about, as far as figures and captions say it."""
+    name = wildcards.get("experiment") or wildcards.scope.split("/")[0]
+    experiment = SETTINGS.experiments[name]
+    estimator = SETTINGS.estimators[experiment.estimator]
+    return {
+        "name": experiment.name,
+        "estimator": experiment.estimator,
+        "divergence": estimator.divergence,
+        "noise_draws": estimator.noise_draws,
+        "bias_correction": estimator.bias_correction,
+        "wrong_basins": estimator.wrong_basins,
+        "titles": {key: SETTINGS.data[key].title for key in experiment.pairs},
+        "waterfall": experiment.waterfall,
+    }
+
+
+def figures_of(experiment, scope):
+    """Pictures of an experiment, or of one sequence of it."""
+    names = [name for family in experiment.figures for name in FIGURES[family]]
+    figures = [f"results/{scope}/figures/{name}.png" for name in names]
+    return figures + [
+        f"results/{experiment.name}/{sequence}/figures/scene_{reference}-{source}.{kind}"
+        for sequence, pairs in experiment.scenes.items()
+        if scope in (experiment.name, f"{experiment.name}/{sequence}")
+        for reference, source in pairs
+        for kind in ("png", "html")
+    ]
+
+
+def runs_of_scene(wildcards):
+    folder = f"results/{wildcards.experiment}/{wildcards.sequence}/runs"
+    pair = f"{wildcards.reference}-{wildcards.source}"
+    return [f"{folder}/{pair}/{chunk}.parquet" for chunk in range(len(jobs_of(wildcards)))]
+
+
+def perturbation_of_scene(wildcards):
+    """The instance of the waterfall plot, or every source at its largest level."""
+    experiment = experiment_of(wildcards)
+    return experiment.waterfall or {name: max(experiment.levels[name]) for name in NAMES}
+
+
+def tables_of(experiment, scope):
+    """Medians are of pairs; over the perturbations of a grid they would mean little."""
+    if any(len(levels) > 1 for levels in experiment.levels.values()):
+        return []
+    return [f"results/{scope}/tables/median_shap.md"]
+
+
 def targets():
     """The files of every selected experiment that has a selected sequence."""
     paths = []
@@ -126,5 +191,5 @@ def targets():
         for scope in scopes(experiment):
             paths += [f"results/{scope}/uncertainty.parquet", f"results/{scope}/shap.parquet"]
             paths += figures_of(experiment, scope)
-            paths += tables_of(scope)
+            paths += tables_of(experiment, scope)
     return paths
