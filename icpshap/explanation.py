@@ -89,7 +89,7 @@ def shap_table(replicates, instances, games, method):
     }
     null_mean, null_95 = null(n_used, method)
     columns = {
-        **_estimate_columns(quantity_names(sources), found, variants),
+        **_estimate_columns(sources, found, variants),
         "regression_difference": _regression_difference(found.value, len(sources)),
         "f_again": np.mean([clean_again(sample, method) for sample in replicates]),
         "null_mean": null_mean,
@@ -118,22 +118,16 @@ def _combined(replicates, rows, method, **options):
     return Estimates(value, low, high, ratio, n_used)
 
 
-def _estimate_columns(names, found, variants):
-    columns = {}
-    for column, name in enumerate(names):
-        value, low, high = (part[:, column] for part in (found.value, found.low, found.high))
-        if name.startswith("regression_"):
-            continue
-        columns[name] = value
-        if name == "base_value":
-            continue
-        columns |= {f"{name}_low": low, f"{name}_high": high}
+def _estimate_columns(sources, found, variants):
+    columns = {"base_value": found.value[:, 0]}
+    for q, name in enumerate(quantity_names(sources)[1 : -len(sources)], start=1):
+        value, low, high = found.value[:, q], found.low[:, q], found.high[:, q]
+        columns |= {name: value, f"{name}_low": low, f"{name}_high": high}
         if name.startswith("phi_"):
             columns[f"{name}_significant"] = (low > 0) | (high < 0)
-            columns[f"{name}_draw_variance_ratio"] = found.draw_variance_ratio[:, column]
+            columns[f"{name}_draw_variance_ratio"] = found.draw_variance_ratio[:, q]
         if not name.startswith("interaction_"):
-            for kind, variant in variants.items():
-                columns[f"{name}_{kind}"] = variant.value[:, column]
+            columns |= {f"{name}_{kind}": other.value[:, q] for kind, other in variants.items()}
     return columns
 
 
