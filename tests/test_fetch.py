@@ -321,6 +321,17 @@ def test_whole_archive_with_another_checksum_is_refused(archive, tmp_path, name)
     assert not list((tmp_path / "cache").glob("*.zip"))
 
 
+def test_archive_on_disk_is_verified_once(archive, tmp_path, monkeypatch):
+    path = tmp_path / "a.zip"
+    path.write_bytes(archive)
+    with pytest.raises(dataset.DataError, match=r"its md5 is \w+, but the configuration says 0"):
+        fetch_scan(path, tmp_path, checksums={"md5": "0"})
+    sums = {"md5": hashlib.md5(archive).hexdigest()}
+    fetch_scan(path, tmp_path, checksums=sums)
+    monkeypatch.setattr(fetch, "verify_checksums", None)
+    fetch_scan(path, tmp_path, checksums=sums)
+
+
 def test_forbidden_names_the_user_agent(archive, tmp_path, monkeypatch):
     monkeypatch.setattr(remote_file, "USER_AGENT", "python-urllib/3.11")
     with (
@@ -422,7 +433,8 @@ def test_member_names_are_never_paths(scans, poses, tmp_path):
     (inside / "x.zip").write_bytes(buffer.getvalue())
     fetch_scan(inside / "x.zip", inside, 0)
     files = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
-    assert files == {"a/b/c/x.zip", "a/b/c/scan.csv"}
+    assert {file for file in files if "verified" not in file} == {"a/b/c/x.zip", "a/b/c/scan.csv"}
+    assert all(file.startswith("a/b/c/") for file in files)
 
 
 def test_decompression_is_bounded(scans, poses, tmp_path, monkeypatch):
@@ -575,6 +587,23 @@ def test_archive_on_disk_needs_no_network(archive, tmp_path, scans, monkeypatch)
     monkeypatch.setattr(remote_file, "RemoteFile", None)
     (tmp_path / "a.zip").write_bytes(archive)
     np.testing.assert_array_equal(fetch_scan(tmp_path / "a.zip", tmp_path), scans[6])
+
+
+def test_sequence_as_the_configuration_describes_it(scans, archive, tmp_path):
+    with MisbehavingServer(archive) as server:
+        described = {"url": server.url, "bytes": len(archive)}
+        with fetch.open_sequence(described, tmp_path, SCANS) as opened:
+            opened.extract_scan(6, tmp_path / "6.csv")
+        np.testing.assert_array_equal(dataset.read_scan(tmp_path / "6.csv")[0], scans[6])
+        with (
+            pytest.raises(dataset.DataError, match="45 scans in the archive"),
+            fetch.open_sequence(described, tmp_path, 44),
+        ):
+            pass
+    (tmp_path / "a.zip").write_bytes(archive)
+    with fetch.open_sequence({**described, "path": tmp_path / "a.zip"}, tmp_path, SCANS) as opened:
+        opened.extract_scan(7, tmp_path / "7.csv")
+    np.testing.assert_array_equal(dataset.read_scan(tmp_path / "7.csv")[0], scans[7])
 
 
 def test_licence_and_citation():
