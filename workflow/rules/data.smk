@@ -4,6 +4,59 @@ Outputs: resources/{sequence}/scan_{index}.parquet, resources/{sequence}/poses.p
 """
 
 
+rule fetch_scan:
+    """Fetch a scan of an archive: of a remote one, little more than its own bytes."""
+    input:
+        local_archive,
+    output:
+        "resources/{sequence}/scan_{index}.parquet",
+    log:
+        "logs/fetch_scan/{sequence}/{index}.log",
+    benchmark:
+        "logs/fetch_scan/{sequence}/{index}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_kind("archive"),
+    priority: 10
+    threads: 1
+    resources:
+        mem_mb=500,
+        download=1,
+    params:
+        code=code_digest("fetch_scan"),
+        archive=lambda wildcards: sequence_of(wildcards).archive,
+        cache=lambda wildcards: f"resources/{wildcards.sequence}/archive",
+        drop_non_finite=lambda wildcards: sequence_of(wildcards).drop_non_finite,
+        scans=lambda wildcards: sequence_of(wildcards).scans,
+    script:
+        "../scripts/fetch_scan.py"
+
+
+rule fetch_poses:
+    """Fetch the poses of an archive."""
+    input:
+        local_archive,
+    output:
+        "resources/{sequence}/poses.parquet",
+    log:
+        "logs/fetch_poses/{sequence}.log",
+    benchmark:
+        "logs/fetch_poses/{sequence}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_kind("archive"),
+    priority: 10
+    threads: 1
+    resources:
+        mem_mb=500,
+        download=1,
+    params:
+        code=code_digest("fetch_poses"),
+        archive=lambda wildcards: sequence_of(wildcards).archive,
+        cache=lambda wildcards: f"resources/{wildcards.sequence}/archive",
+        scans=lambda wildcards: sequence_of(wildcards).scans,
+    script:
+        "../scripts/fetch_poses.py"
+
+
 rule read_scan:
     """Read a scan of a folder."""
     input:
