@@ -49,6 +49,11 @@ class Reading:
     evaluate: Callable
     null_factor: float
 
+    @property
+    def compares_with_clean(self):
+        """Whether f of the clean setting is 0 by identity."""
+        return not np.isnan(self.null_factor)
+
 
 def floor_matrix(rotation, translation):
     """Covariance floor diag(rotation^2 x3, translation^2 x3); rotation [rad], translation [m]."""
@@ -207,7 +212,7 @@ def null_quantile(reading, n, probability, unbiased=False):
     It does not depend on which distribution. NaN for a reading without a null.
     """
     reading = READINGS[reading]
-    if np.isnan(reading.null_factor):
+    if not reading.compares_with_clean:
         return np.nan
     generator = np.random.default_rng(n)
     samples = wishart.rvs(n - 1, np.eye(DIMENSION), (2, NULL_DRAWS), generator) / (n - 1)

@@ -1,11 +1,14 @@
 """What each uncertainty source contributes to the uncertainty of a pair, and how sure that is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 
 from icpshap import shapley
 from icpshap.intervals import mean_interval
 from icpshap.uncertainty import (
+    Estimates,
     Method,
     Sample,
     clean_again,
@@ -18,7 +21,7 @@ from icpshap.uncertainty import (
     uncertainty_table,
 )
 
-__all__ = ["Method", "explain", "load_explanation", "negative_values", "resampled_values"]
+__all__ = ["Method", "explain", "load_explanation", "resampled_values"]
 
 PAIR = ("sequence", "reference", "source")
 
@@ -74,60 +77,85 @@ def shap_table(replicates, instances, games, method):
     replicates: list of `Sample`; games (i, 2^M, M): the settings of each instance's coalitions.
     With several replicates values are means over them, and their spread gives the intervals.
     """
-    sources = replicates[0].sources
+    sources = list(replicates[0].sources)
     rows = [sample.rows(games) for sample in replicates]
-    names = quantity_names(sources)
-
-    def estimates(method, **options):
-        return [
-            estimate(sample, row, quantities, method, **options)
-            for sample, row in zip(replicates, rows, strict=True)
-        ]
-
-    def values(method, **options):
-        found = estimates(method, intervals=False, **options)
-        return _columns(names, np.mean([part.value for part in found], axis=0))
-
-    found = estimates(method)
-    if len(replicates) > 1:
-        intervals = mean_interval(np.array([part.value for part in found]))
-    else:
-        intervals = found[0].value, found[0].low, found[0].high
-    value, low, high = (_columns(names, part) for part in intervals)
-    ratio = _columns(names, np.mean([part.draw_variance_ratio for part in found], axis=0))
+    found = _combined(replicates, rows, method)
+    n_used = found.n_used.min(axis=0)
     variants = {
-        "all": values(method, leave_out=False),
-        "right_basin": values(method, leave_out=True),
-        "floor_tenfold": values(method.with_floor(10.0)),
-        "floor_tenth": values(method.with_floor(0.1)),
+        "all": _combined(replicates, rows, method, leave_out=False, intervals=False),
+        "right_basin": _combined(replicates, rows, method, leave_out=True, intervals=False),
+        "floor_tenfold": _combined(replicates, rows, method.with_floor(10.0), intervals=False),
+        "floor_tenth": _combined(replicates, rows, method.with_floor(0.1), intervals=False),
     }
+    null_mean, null_95 = null(n_used, method)
+    columns = {
+        **_estimate_columns(sources, found, variants),
+        "regression_difference": _regression_difference(found.value, len(sources)),
+        "f_again": np.mean([clean_again(sample, method) for sample in replicates]),
+        "null_mean": null_mean,
+        "null_95": null_95,
+        "n_runs": sum(sample.xi.shape[1] for sample in replicates),
+        "n_used": found.n_used.sum(axis=0),
+        "n_failed": _runs_anywhere([sample.failed for sample in replicates], rows),
+        "n_wrong_basin": _runs_anywhere([sample.wrong_basin for sample in replicates], rows),
+        "interval_over": _interval_over(replicates),
+        "warning": _warnings(replicates, rows, n_used, method),
+    }
+    return instances[["instance", *sources]].reset_index(drop=True).assign(**columns)
 
-    columns = {"base_value": value["base_value"]}
-    for name in names[1 : -len(sources)]:
-        columns |= {name: value[name], f"{name}_low": low[name], f"{name}_high": high[name]}
+
+def _combined(replicates, rows, method, **options):
+    """`Estimates` of games over all replicates: means; n_used (replicates, i)."""
+    found = [
+        estimate(sample, row, quantities, method, **options)
+        for sample, row in zip(replicates, rows, strict=True)
+    ]
+    n_used = np.array([part.n_used for part in found])
+    if len(found) == 1:
+        return replace(found[0], n_used=n_used)
+    value, low, high = mean_interval(np.array([part.value for part in found]))
+    ratio = np.mean([part.draw_variance_ratio for part in found], axis=0)
+    return Estimates(value, low, high, ratio, n_used)
+
+
+def _estimate_columns(sources, found, variants):
+    columns = {"base_value": found.value[:, 0]}
+    for q, name in enumerate(quantity_names(sources)[1 : -len(sources)], start=1):
+        value, low, high = found.value[:, q], found.low[:, q], found.high[:, q]
+        columns |= {name: value, f"{name}_low": low, f"{name}_high": high}
         if name.startswith("phi_"):
-            columns[f"{name}_significant"] = (low[name] > 0) | (high[name] < 0)
-            columns[f"{name}_draw_variance_ratio"] = ratio[name]
+            columns[f"{name}_significant"] = (low > 0) | (high < 0)
+            columns[f"{name}_draw_variance_ratio"] = found.draw_variance_ratio[:, q]
         if not name.startswith("interaction_"):
-            columns |= {f"{name}_{kind}": variant[name] for kind, variant in variants.items()}
-    columns["regression_difference"] = _regression_difference(value, sources)
-    columns["f_again"] = np.mean([clean_again(sample, method) for sample in replicates])
-    n_used = np.min([part.n_used for part in found], axis=0)
-    columns["null_mean"], columns["null_95"] = null(n_used, method)
-    columns |= {"n_runs": replicates[0].xi.shape[1], "n_used": n_used}
-    for count in ("failed", "wrong_basin"):
-        columns[f"n_{count}"] = sum(
-            getattr(sample, count)[row].any(axis=1).sum(axis=1)
-            for sample, row in zip(replicates, rows, strict=True)
-        )
-    columns["interval_over"] = _interval_over(replicates)
+            columns |= {f"{name}_{kind}": other.value[:, q] for kind, other in variants.items()}
+    return columns
+
+
+def _regression_difference(value, players):
+    """Largest difference of phi to Algorithm 1's regression, relative to the largest |phi|."""
+    phi, regression = value[:, 2 : 2 + players], value[:, -players:]
+    largest = np.abs(phi).max(axis=1)
+    return np.abs(regression - phi).max(axis=1) / np.where(largest > 0, largest, 1.0)
+
+
+def _runs_anywhere(marks, rows):
+    """Runs (i) that are marked in at least one setting of a game, over all replicates."""
+    return sum(mark[row].any(axis=1).sum(axis=1) for mark, row in zip(marks, rows, strict=True))
+
+
+def _warnings(replicates, rows, n_used, method):
     clean = [
         degeneracy(sample, row[:1, :1], method)
         for sample, row in zip(replicates, rows, strict=True)
     ]
     floor_share, memory = (max(part[key][0] for part in clean) for key in ("floor_share", "memory"))
-    columns["warning"] = [remarks(n, floor_share, memory) for n in n_used]
-    return instances[["instance", *sources]].reset_index(drop=True).assign(**columns)
+    return [remarks(n, floor_share, memory) for n in n_used]
+
+
+def _interval_over(replicates):
+    if len(replicates) > 1:
+        return "replicates"
+    return "noise draws" if len(np.unique(replicates[0].noise_draw)) > 1 else "runs"
 
 
 def resampled_values(runs, instances, sources, method, pair, number=200):
@@ -168,29 +196,6 @@ def _mirrored(sample, rows, method, number):
     return result
 
 
-def negative_values(shap, sources):
-    """How many phi of a shap table are negative, and how many of those significantly so.
-
-    A row per source: source, instances (with a value), negative, negative_significant,
-    positive_significant, not_distinguishable (from zero).
-    """
-    rows = []
-    for name in sources:
-        phi = shap[f"phi_{name}"]
-        significant = shap[f"phi_{name}_significant"]
-        rows.append(
-            {
-                "source": name,
-                "instances": int(phi.notna().sum()),
-                "negative": int((phi < 0).sum()),
-                "negative_significant": int(((phi < 0) & significant).sum()),
-                "positive_significant": int(((phi > 0) & significant).sum()),
-                "not_distinguishable": int((phi.notna() & ~significant).sum()),
-            }
-        )
-    return pd.DataFrame(rows)
-
-
 def load_explanation(path):
     """The shap.Explanation of a shap.parquet: values, base values, data, names and bounds.
 
@@ -220,22 +225,3 @@ def load_explanation(path):
         lower_bounds=table[[f"{name}_low" for name in phi]].to_numpy(),
         upper_bounds=table[[f"{name}_high" for name in phi]].to_numpy(),
     )
-
-
-def _columns(names, values):
-    return dict(zip(names, values.T, strict=True))
-
-
-def _regression_difference(value, sources):
-    """Largest difference of phi to Algorithm 1's regression, relative to the largest |phi|."""
-    phi, regression = (
-        np.stack([value[f"{kind}_{name}"] for name in sources]) for kind in ("phi", "regression")
-    )
-    largest = np.abs(phi).max(axis=0)
-    return np.abs(regression - phi).max(axis=0) / np.where(largest > 0, largest, 1.0)
-
-
-def _interval_over(replicates):
-    if len(replicates) > 1:
-        return "replicates"
-    return "noise draws" if len(np.unique(replicates[0].noise_draw)) > 1 else "runs"

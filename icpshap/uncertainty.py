@@ -200,14 +200,25 @@ def kept_runs(sample, games, method, leave_out=None):
 
 
 def evaluate(sample, rows, clean, weights, method):
-    """f of settings `rows` (s,) against setting `clean`, under each weighting (r, n): (s, r)."""
+    """f of settings `rows` (s,) against setting `clean`, under each weighting (r, n): (s, r).
+
+    Raises ValueError if a covariance is singular.
+    """
     unbiased = method.bias_correction == "wishart"
     reference = divergence.spread(sample.xi[clean], weights, *method.floor)
     result = np.empty((len(rows), len(weights)))
     for start in range(0, len(rows), SETTINGS_AT_ONCE):
         part = slice(start, start + SETTINGS_AT_ONCE)
         perturbed = divergence.spread(sample.xi[rows[part]], weights, *method.floor)
-        result[part] = method.reading.evaluate(reference, perturbed, unbiased)
+        try:
+            result[part] = method.reading.evaluate(reference, perturbed, unbiased)
+        except np.linalg.LinAlgError as error:
+            raise ValueError(
+                "The covariance of a setting is singular: its runs do not differ in some direction."
+                "\nHint: set covariance_floor_rotation and covariance_floor_translation above 0."
+            ) from error
+    if method.reading.compares_with_clean:
+        result[rows == clean] = 0.0  # no estimate: it has neither bias nor round-off
     return result
 
 
@@ -219,8 +230,9 @@ def uncertainty_table(sample, reference, method):
     clean = int(sample.rows(reference))
     settings = np.arange(len(sample.settings))
     games = np.column_stack([np.full_like(settings, clean), settings])
-    f = estimate(sample, games, _perturbed, method)
     plain = replace(method, divergence="kl", bias_correction="none")
+    kl = estimate(sample, games, _perturbed, plain, intervals=False)
+    f = estimate(sample, games, _perturbed, method)
     null_mean, null_95 = null(f.n_used, method)
     covariance = degeneracy(sample, games, method)
     return pd.DataFrame(
@@ -231,7 +243,7 @@ def uncertainty_table(sample, reference, method):
             "f_low": f.low[:, 0],
             "f_high": f.high[:, 0],
             "f_draw_variance_ratio": f.draw_variance_ratio[:, 0],
-            "kl": estimate(sample, games, _perturbed, plain, intervals=False).value[:, 0],
+            "kl": kl.value[:, 0],
             "null_mean": null_mean,
             "null_95": null_95,
             "n_runs": sample.xi.shape[1],
@@ -300,9 +312,12 @@ def degeneracy(sample, games, method):
 def memory(initial_xi, xi):
     """Largest share of a component's variance in xi (n, 6) that is linear in initial_xi (n, 6).
 
-    The adjusted R^2: about 0 where ICP converged, for then it has forgotten where it started.
+    The adjusted R^2: about 0 where ICP converged, for then it has forgotten where it started. NaN
+    for fewer than two runs a parameter.
     """
     n, parameters = len(xi), initial_xi.shape[1] + 1
+    if n < 2 * parameters:
+        return np.nan
     design = np.column_stack([np.ones(n), initial_xi])
     residual = xi - design @ np.linalg.lstsq(design, xi)[0]
     unexplained = np.square(residual).sum(axis=0) / (n - parameters)

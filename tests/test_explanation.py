@@ -124,6 +124,8 @@ def test_replicates_give_the_mean_and_its_interval():
     assert row["phi_sensor_noise"] == pytest.approx(values.mean())
     assert row["phi_sensor_noise_low"] == pytest.approx(values.mean() - half)
     assert row["interval_over"] == "replicates"
+    assert row["n_runs"] == row["n_used"] == 400
+    assert row["null_mean"] == pytest.approx(42 / 184)
     assert uncertainty["replicate"].value_counts().to_dict() == dict.fromkeys(range(4), 9)
 
 
@@ -171,24 +173,6 @@ def test_resampled_values_spread_about_the_value_as_the_interval_does():
     expected = row[["phi_partial_overlap_low", "phi_partial_overlap_high"]].to_numpy(dtype=float)
     np.testing.assert_allclose(ends, expected, atol=0.1 * np.ptp(expected))
     assert resampled.columns.tolist()[:5] == [*explanation.PAIR, "instance", "resample"]
-
-
-def test_negative_values_are_counted():
-    table = pd.DataFrame(
-        {
-            "phi_sensor_noise": [1.0, -1.0, -0.1, np.nan, 0.2],
-            "phi_sensor_noise_significant": [True, True, False, False, False],
-        }
-    )
-    (row,) = explanation.negative_values(table, ["sensor_noise"]).to_dict("records")
-    assert row == {
-        "source": "sensor_noise",
-        "instances": 4,
-        "negative": 2,
-        "negative_significant": 1,
-        "positive_significant": 1,
-        "not_distinguishable": 2,
-    }
 
 
 def test_a_grid_is_explained_in_proportion_to_ten_seconds_for_the_papers():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from known_runs import LEVELS, SOURCES, runs_table
+from known_runs import SOURCES, runs_table
 
 from icpshap import divergence, uncertainty
 from icpshap.tables import XI
@@ -42,9 +42,10 @@ def test_kl_is_that_of_the_sample_covariances():
     assert row["smallest_standard_deviation"] == pytest.approx(deviations[0])
 
 
-def test_the_clean_setting_has_no_uncertainty_of_its_own():
-    row = row_of(table_of(runs_table()), REFERENCE)
-    np.testing.assert_allclose(row[["f", "f_low", "f_high"]].astype(float), 0, atol=1e-12)
+@pytest.mark.parametrize("correction", ["none", "jackknife", "wishart"])
+def test_the_clean_setting_has_no_uncertainty_of_its_own(correction):
+    row = row_of(table_of(runs_table(), bias_correction=correction), REFERENCE)
+    assert row[["f", "f_low", "f_high"]].tolist() == [0, 0, 0]
 
 
 def test_the_order_of_the_rows_does_not_matter():
@@ -144,6 +145,14 @@ def test_memory_is_the_share_that_follows_the_initial_pose():
     xi[:, 4] += 2.0 * initial[:, 1]
     assert uncertainty.memory(initial, xi) == pytest.approx(0.8, abs=0.02)
     assert uncertainty.memory(initial, np.zeros((4000, 6))) == 0
+    assert np.isnan(uncertainty.memory(initial[:13], xi[:13]))
+
+
+def test_a_singular_covariance_without_a_floor_is_an_error():
+    runs = runs_table().assign(xi_2=0.01)
+    with pytest.raises(ValueError, match=r"singular: .*\nHint: set covariance_floor_rotation"):
+        table_of(runs, covariance_floor_rotation=0.0, covariance_floor_translation=0.0)
+    assert table_of(runs)["f"].notna().all()
 
 
 def test_a_clean_covariance_made_by_the_floor_or_the_stopping_rule_is_named():
@@ -170,4 +179,3 @@ def test_a_setting_that_was_not_run_is_named():
     with pytest.raises(KeyError, match=r"1 settings have no runs, the first is sensor_noise 0.07"):
         sample.rows([[0.07, 1.0, 0.0], [0.05, 1.0, 0.0]])
     assert sample.rows([0.05, 1.0, 0.0]) == list(map(tuple, sample.settings)).index((0.05, 1, 0))
-    assert len(LEVELS) == 3
