@@ -132,7 +132,8 @@ def basins(table, study):
             for rows in [present(both, source)]
             if len(rows)
         )
-        sentences.append(f"Median φ with and without such runs: {', '.join(parts)}.")
+        where = "" if len(both) == len(kept) else f" of the {len(both)} instances that allow it"
+        sentences.append(f"Median φ{where} with and without such runs: {', '.join(parts)}.")
     if len(both) < len(kept):
         sentences.append(
             f"For {len(kept) - len(both)} of {len(kept)} instances too few runs are left "

@@ -11,7 +11,7 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex
 from matplotlib.patches import Ellipse, FancyArrow
 
-from icpshap import captions, figures, perturbation, scene
+from icpshap import captions, figures, perturbation, scene, settings
 from icpshap.figures import style
 from icpshap.sources import NAMES, SOURCES
 from icpshap.tables import INITIAL_XI, XI
@@ -404,3 +404,26 @@ def test_page_is_self_contained_small_and_the_same_each_time(shown):
     assert not re.search(r'<(script|link|img|iframe)[^>]*(src|href)="https?:', page)
     for name in ("reference", "removed by", "perturbed, wrong basin"):
         assert f'"name":"{name}' in page
+
+
+# --- configuration --------------------------------------------------------------------------------
+
+
+def test_a_scene_must_be_one_of_the_pairs(config):
+    block = config["experiments"]["different_perturbations"]
+    block["scenes"] = [{"sequence": "apartment", "reference": 3, "source": 4}]
+    message = (
+        "experiments.different_perturbations.scenes: apartment 3, 4 is not one of the "
+        "experiment's pairs. Hint: list it under pairs too"
+    )
+    with pytest.raises(settings.SettingsError, match=re.escape(message)):
+        settings.load(config)
+    block["pairs"] += block["scenes"]
+    block["figures"] = ["summary"]
+    settings.load(config)
+
+
+def test_a_waterfall_of_several_pairs_is_an_error_of_the_configuration(config):
+    config["experiments"]["same_perturbation"]["figures"] += ["waterfall"]
+    with pytest.raises(settings.SettingsError, match="waterfall shows one pair, and the exper"):
+        settings.load(config)

@@ -316,7 +316,9 @@ def watched():
     lines = progress.Progress(terminal, lambda: (20, 2000), lambda wildcards: (5, 500), clock)
     dry = SimpleNamespace(run=False)
     progress.replace_job_lines(logger, lines, lambda: dry.run)
-    return SimpleNamespace(logger=logger, terminal=terminal, own=own, clock=clock, dry=dry)
+    return SimpleNamespace(
+        logger=logger, lines=lines, terminal=terminal, own=own, clock=clock, dry=dry
+    )
 
 
 def run_job(logger, number, rule, **wildcards):
@@ -340,10 +342,14 @@ def test_a_line_per_job_with_settings_done_rate_and_time_left(watched):
 
 
 def test_errors_and_other_messages_still_reach_the_terminal(watched):
-    watched.logger.error("a job failed", extra={"event": "job_error"})
+    failed = {"event": "job_error", "log": ["logs/run_icp/room/0-1/0.log"]}
+    watched.logger.error("a job failed", extra=failed)
     watched.logger.info("Nothing to be done")
     watched.logger.info("Select jobs to execute...")
     assert watched.own.getvalue() == "a job failed\nNothing to be done\n"
+    said = progress.failure(watched.lines.failed)
+    assert said.startswith("1 job(s) failed; what they said is in\n  logs/run_icp/room/0-1/0.log\n")
+    assert "Hint: mend the cause and run the same command again" in said
 
 
 def test_a_dry_run_keeps_snakemakes_own_lines(watched):

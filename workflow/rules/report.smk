@@ -6,6 +6,9 @@ results/comparison/paper.{csv,md,png,svg}, results/provenance.yaml, results/{rep
 """
 
 
+report: "../report/workflow.rst"
+
+
 rule median_table:
     """Rank the uncertainty sources of each sequence, beside the paper's Table 1."""
     input:
