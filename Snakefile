@@ -19,6 +19,7 @@ include: "workflow/rules/registration.smk"
 include: "workflow/rules/explanation.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/report.smk"
+include: "workflow/rules/progress.smk"
 
 
 localrules:
@@ -31,3 +32,16 @@ rule all:
     default_target: True
     input:
         targets(),
+
+
+onsuccess:
+    if os.path.exists("results/summary.txt"):
+        with open("results/summary.txt") as summary:
+            print(summary.read())
+
+
+onerror:
+    logger.error(
+        "Some jobs failed. The end of each one's log is above, the whole in logs/<rule>/.\n"
+        "Hint: mend the cause and run the same command again; finished jobs are kept."
+    )

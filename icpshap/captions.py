@@ -111,6 +111,7 @@ def significance(table):
 
 
 def basins(table, study):
+    """How many runs end in a wrong basin, and what the Shapley values are with and without them."""
     kept = valued(table)
     if len(kept) == 0:
         return []
@@ -118,9 +119,45 @@ def basins(table, study):
     if most == 0:
         return ["No run ended in a wrong basin."]
     done = {"keep": "kept", "leave_out": "left out"}[study.wrong_basins]
-    return [
-        f"Runs that end in a wrong basin in at least one setting of an instance: "
+    sentences = [
+        "Runs that end in a wrong basin in at least one setting of an instance: "
         f"{kept.n_wrong_basin.median():.0f} of {runs} in the median, at most {most}; {done}."
+    ]
+    both = kept[kept.f_right_basin.notna()]
+    if len(both):
+        parts = (
+            f"{source.title} {rows[f'phi_{source.name}_all'].median():.2f} and "
+            f"{rows[f'phi_{source.name}_right_basin'].median():.2f}"
+            for source in SOURCES
+            for rows in [present(both, source)]
+            if len(rows)
+        )
+        sentences.append(f"Median φ with and without such runs: {', '.join(parts)}.")
+    if len(both) < len(kept):
+        sentences.append(
+            f"For {len(kept) - len(both)} of {len(kept)} instances too few runs are left "
+            "without them."
+        )
+    return sentences
+
+
+def floor_sensitivity(table):
+    """How far the covariance floor decides the Shapley values; said where a warning is."""
+    doubtful = valued(table[table.warning != ""])
+    if len(doubtful) == 0:
+        return []
+    parts = []
+    for source in SOURCES:
+        phi = doubtful[f"phi_{source.name}"]
+        changes = (
+            (doubtful[f"phi_{source.name}_floor_{floor}"] - phi).abs().max()
+            for floor in ("tenfold", "tenth")
+        )
+        tenfold, tenth = changes
+        parts.append(f"{source.title} {tenfold:.2g} and {tenth:.2g}")
+    return [
+        "With ten times and with a tenth of the covariance floor φ changes by at most: "
+        f"{', '.join(parts)}."
     ]
 
 
@@ -155,6 +192,7 @@ def warnings(table, study):
         names = [study.pair(row) for row in rows.drop_duplicates(list(pairs)[:3]).itertuples()]
         where = ", ".join(names) if len(names) <= 4 else f"{len(names)} pairs"
         lines.append(f"{where} ({len(rows)} instances): {warning}.")
+    lines += floor_sensitivity(table)
     failed = table[table.n_failed > 0]
     if len(failed):
         lines.append(
@@ -165,6 +203,28 @@ def warnings(table, study):
     if without:
         lines.append(f"{without} instances have no value: too few runs were left.")
     return lines
+
+
+def finding(table, study):
+    """The main finding of an experiment in one sentence."""
+    where = f"{study.name} ({_which_pairs(table, study)})"
+    kept = valued(table)
+    if len(kept) == 0:
+        return f"{where}: no pair has a value."
+    medians, told = {}, []
+    for source in SOURCES:
+        rows = present(table, source)
+        if len(rows):
+            medians[source.title] = rows[f"phi_{source.name}"].median()
+            significant = rows[f"phi_{source.name}_significant"].astype(bool).sum()
+            told.append(f"{source.title} in {significant:,} of {len(rows):,}")
+    if not medians:
+        return f"{where}: nothing was perturbed."
+    largest = max(medians, key=medians.get)
+    return (
+        f"{where}: {largest} contributes most to the uncertainty, φ = {medians[largest]:.2f} "
+        f"{study.unit} in the median; φ can be told from zero for {', '.join(told)} instances."
+    )
 
 
 def additive_interaction(factor):

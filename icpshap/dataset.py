@@ -55,14 +55,15 @@ def find_folder_files(folder, scans, pose_file=None):
     if not folder.is_dir():
         raise DataError(
             f"{folder}: no such folder.",
-            "set `folder` to the one that holds the scans; relative paths start at the Snakefile.",
+            "set `folder: {path: ...}` to the one that holds the scans.",
         )
     is_data_set = (folder / "csv_local").is_dir()
     if pose_file is not None:
         pose_path = folder / pose_file
         if not pose_path.is_file():
             raise DataError(
-                f"{pose_path}: no such pose file.", f"`pose_file` is relative to {folder}."
+                f"{pose_path}: no such pose file.",
+                f"`folder: {{path: ..., poses: ...}}`: `poses` is relative to {folder}.",
             )
     else:
         pose_path = _data_set_pose_file(folder) if is_data_set else _own_pose_file(folder)
@@ -91,7 +92,7 @@ def _data_set_pose_file(folder):
             return folder / place / LEICA_NAME
     raise DataError(
         f"{folder}: no {LEICA_NAME} in {', '.join(place + '/' for place in LEICA_PLACES)}.",
-        "copy it to one of these, or name another file with `pose_file`.",
+        "copy it to one of these, or name another file: `folder: {path: ..., poses: ...}`.",
     )
 
 
@@ -104,8 +105,8 @@ def _own_pose_file(folder):
         raise DataError(
             f"{folder}: expected one pose file (poses.* or {LEICA_NAME}, else the only *.txt or"
             f" *.tum), found {names}.",
-            "name the right one with `pose_file`. For the data set's own files, `folder` is the"
-            " one that holds csv_local/.",
+            "name the right one: `folder: {path: ..., poses: ...}`. For the data set's own files,"
+            " the folder is the one that holds csv_local/.",
         )
     return found[0]
 
@@ -135,7 +136,7 @@ def _own_scans(folder, scans, pose_path):
             f" but the configuration says `scans: {scans}`.",
             f"set `scans: {len(paths)}` if these are all."
             if paths
-            else "set `folder` to the scans.",
+            else "set `folder: {path: ...}` to the one that holds the scans.",
         )
     return sorted(paths, key=lambda path: _natural_order(path.name))
 

@@ -7,7 +7,6 @@ Range requests. Members are found by the tails of their names, which are never u
 import contextlib
 import fcntl
 import hashlib
-import os
 import re
 import shutil
 import zipfile
@@ -27,8 +26,9 @@ CITATION = (
 NOTICE = f"Challenging data sets: {DOI}, licence {LICENCE}. Please cite {CITATION}"
 
 BY_HAND = (
-    f"download the archive from {DOI} in a browser and set `archive: {{path: <the .zip>}}`\n"
-    "    for this sequence under `data`, or extract it and set `folder: <what holds csv_local/>`"
+    f"download the archive from {DOI} in a browser and give this sequence\n"
+    "    `archive: {path: <the .zip>}` in place of its `url`, or extract it and give it\n"
+    "    `archive: null` and `folder: {path: <what holds csv_local/>}`"
 )
 ALTERNATIVES = (
     f"Without this server:\n  - {BY_HAND}\n"
@@ -43,20 +43,40 @@ SCAN_TAIL = re.compile(r"(?:^|/)csv_local/Hokuyo_(\d{1,6})\.csv$")
 POSES_TAIL = re.compile(rf"(?:^|/)(?:([^/]+)/)?{re.escape(LEICA_NAME)}$")
 
 
+@contextlib.contextmanager
+def open_sequence(archive, cache, scans, terminal=None):
+    """Open the archive of a sequence as the configuration describes it: an `Archive`.
+
+    ``archive``: mapping with ``url`` or ``path`` and, where known, ``bytes``, ``md5``, ``sha256``;
+    ``cache``, ``terminal``: see `open_archive`. One process at a time reads an archive, so that two
+    never download the same. Raises DataError, also unless it holds the scans 0 to ``scans`` - 1.
+    """
+    Path(cache).mkdir(parents=True, exist_ok=True)
+    checksums = {name: archive[name] for name in ("md5", "sha256") if name in archive}
+    source = archive.get("path") or archive["url"]
+    with open(Path(cache) / "lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with open_archive(source, cache, archive.get("bytes"), checksums, terminal) as members:
+            members.check_scans(scans)
+            yield members
+
+
 def open_archive(source, cache, expected_bytes=None, checksums=None, terminal=None):
     """Open an archive of the data set: an `Archive`, for a ``with`` statement.
 
     ``source`` is an https URL (http on this machine alone) or the path of a ZIP on disk. The folder
     ``cache`` keeps what serves later runs: pieces of interrupted downloads, and archives that can
     only be had whole. ``expected_bytes`` is checked before anything is read; ``checksums``
-    ({"md5": hex, "sha256": hex}) when a whole archive was downloaded. ``terminal``: see `Progress`.
-    Raises DataError.
+    ({"md5": hex, "sha256": hex}) once for an archive at hand as a whole. ``terminal``: see
+    `Progress`. Raises DataError.
     """
     cache = Path(cache)
     cache.mkdir(parents=True, exist_ok=True)
     whole = cache / f"archive_{zlib.crc32(str(source).encode()):08x}.zip"
     if "://" not in str(source):
-        return Archive(_open_file(Path(source), expected_bytes), source, cache)
+        file = _open_file(Path(source), expected_bytes)
+        _verify_once(Path(source), checksums or {}, cache)
+        return Archive(file, source, cache)
     if not whole.is_file():
         file = RemoteFile(str(source), ALTERNATIVES, expected_bytes, terminal)
         try:
@@ -94,6 +114,16 @@ def verify_checksums(path, checksums):
                 f"{path}: its {name} is {found}, but the configuration says {expected}.",
                 f"get it again; if it was replaced on purpose ({DOI}), correct `{name}`.",
             )
+
+
+def _verify_once(path, checksums, cache):
+    """`verify_checksums`, unless this very file passed before: gigabytes take a while."""
+    state = path.stat()
+    known = repr((str(path.resolve()), state.st_size, state.st_mtime_ns, checksums))
+    passed = cache / f"verified_{zlib.crc32(known.encode()):08x}"
+    if not passed.exists():
+        verify_checksums(path, checksums)
+        passed.touch()
 
 
 class _Member(NamedTuple):
@@ -158,7 +188,7 @@ class Archive:
             missing = f"pose file {LEICA_NAME}" if self._scans else "csv_local/Hokuyo_<i>.csv"
             raise DataError(
                 f"{self._source}: no {missing} in the archive.",
-                "if its layout is new, extract it by hand and set `folder`.",
+                "if its layout is new, extract it by hand and set `folder: {path: ...}`.",
             )
 
     def _read_directory(self, file, outermost, offset, prefix):
@@ -195,7 +225,7 @@ class Archive:
             raise DataError(
                 f"{self._source}: {members[key].info.filename!r} and {member.info.filename!r} are"
                 " both in the archive.",
-                "extract the right one by hand and set `folder`.",
+                "extract the right one by hand and set `folder: {path: ...}`.",
             )
         members[key] = member
 
@@ -232,8 +262,12 @@ class Archive:
             )
         for _ in range(2):
             try:
-                with self._transfer(member, what), _atomic(Path(destination)) as target:
-                    _inflate(member, target)
+                with (
+                    self._transfer(member, what),
+                    member.container.open(member.info) as source,
+                    _atomic(Path(destination)) as target,
+                ):
+                    shutil.copyfileobj(source, target, CHUNK)
                 return
             except (zipfile.BadZipFile, zlib.error, EOFError) as error:
                 problem = error
@@ -241,7 +275,7 @@ class Archive:
             except RuntimeError as error:  # encrypted, or an unknown method
                 raise DataError(
                     f"{self._source}: {what} cannot be decompressed ({error}).",
-                    "extract the archive by hand and set `folder`.",
+                    "extract the archive by hand and set `folder: {path: ...}`.",
                 ) from None
         raise DataError(
             f"{self._source}: {what} is damaged, read twice ({problem}).",
@@ -261,19 +295,10 @@ def _cost(nested):
     return nested.info.compress_type != zipfile.ZIP_STORED, not likely
 
 
-def _inflate(member, target):
-    written = 0
-    with member.container.open(member.info) as source:
-        while chunk := source.read(CHUNK):
-            written += target.write(chunk)
-    if written != member.info.file_size:
-        raise EOFError(f"{written} bytes of {member.info.file_size}")
-
-
 @contextlib.contextmanager
 def _atomic(path):
     """A file that gets the name ``path`` only when all of it is written."""
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.part")
+    temporary = path.with_name(path.name + ".part")
     try:
         with temporary.open("wb") as file:
             yield file
@@ -289,21 +314,3 @@ def _require_space(folder, size):
             f"{folder}: {amount(size)} are needed, {amount(free)} are free.",
             "make room on this disk.",
         )
-
-
-@contextlib.contextmanager
-def open_sequence(archive, cache, scans, terminal=None):
-    """Open the archive of a sequence as the configuration describes it: an `Archive`.
-
-    ``archive``: mapping with ``url`` or ``path`` and, where known, ``bytes``, ``md5``, ``sha256``;
-    ``cache``, ``terminal``: see `open_archive`. One process at a time reads an archive, so that two
-    never download the same. Raises DataError, also unless it holds the scans 0 to ``scans`` - 1.
-    """
-    Path(cache).mkdir(parents=True, exist_ok=True)
-    checksums = {name: archive[name] for name in ("md5", "sha256") if name in archive}
-    source = archive.get("url") or archive["path"]
-    with open(Path(cache) / "lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        with open_archive(source, cache, archive.get("bytes"), checksums, terminal) as members:
-            members.check_scans(scans)
-            yield members

@@ -11,7 +11,7 @@ RULES = {
     "iqr": "1.5 interquartile ranges",
     "positive_then_iqr": "negative rows, then 1.5 interquartile ranges",
 }
-UNSURE = {"pipe": "°", "latex_raw": r"$^\circ$"}
+UNSURE = {"pipe": "°", "html": "°", "latex_raw": r"$^\circ$"}
 
 
 def median_rows(ranking):
@@ -24,7 +24,14 @@ def markdown(ranking, study):
     if len(ranking) == 0:
         return "No pair has a value.\n"
     text = _table(ranking, study, "pipe")
-    return f"{text}\n\n{note(ranking, study)}\n\n{_rules_table(ranking, study)}\n"
+    return f"{text}\n\n{note(ranking, study)}\n\n{_rules_table(ranking, study, 'pipe')}\n"
+
+
+def html(ranking, study):
+    """The medians, and below them the medians under each reading of the outlier rule."""
+    if len(ranking) == 0:
+        return "<p>No pair has a value.</p>"
+    return _table(ranking, study, "html") + _rules_table(ranking, study, "html")
 
 
 def latex(ranking, study):
@@ -50,19 +57,22 @@ def _table(ranking, study, form):
         for source in SOURCES:
             line.append(estimate(row, source.name, form))
             line += [_paper(row, source.name)] * (source in compared)
-        body.append([*line, f"{row.probability:.2f} (p = {row.p_holm:.2g})"])
+        known = np.isfinite(row.probability)
+        body.append([*line, f"{row.probability:.2f} (p = {row.p_holm:.2g})" if known else ""])
     return tabulate(body, header, tablefmt=form, disable_numparse=True)
 
 
-def estimate(row, name, form="pipe"):
+def estimate(row, name, form):
     """A median with its interval, marked where 0 lies in it."""
     median, low, high = (getattr(row, f"median_{name}{end}") for end in ("", "_low", "_high"))
+    if np.isnan(median):
+        return "no value"
     unsure = UNSURE[form] if low <= 0 <= high else ""
     return f"{median:.2f} [{low:.2f}, {high:.2f}]{unsure}"
 
 
-def _rules_table(ranking, study):
-    """The medians under each reading of the paper's outlier rule, as Markdown."""
+def _rules_table(ranking, study, form):
+    """The medians under each reading of the paper's outlier rule."""
     header = [
         "Sequence",
         "Outlier rule",
@@ -74,11 +84,11 @@ def _rules_table(ranking, study):
             study.title(row.sequence),
             RULES[row.outlier_rule],
             row.n_rows - row.n_removed,
-            *(estimate(row, source.name) for source in SOURCES),
+            *(estimate(row, source.name, form) for source in SOURCES),
         ]
         for row in ranking.itertuples()
     ]
-    return tabulate(body, header, tablefmt="pipe", disable_numparse=True)
+    return tabulate(body, header, tablefmt=form, disable_numparse=True)
 
 
 def note(ranking, study):

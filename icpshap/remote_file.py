@@ -285,8 +285,6 @@ class RemoteFile(SeekableView):
             )
         if response.status_code != expected:
             raise self._error(f"{status}.", "the address may have changed.")
-        if response.headers.get("Content-Encoding", "identity") != "identity":
-            raise _Fault("the server re-encodes the file")
 
     def _check_identity(self, size, response):
         """Size as configured, size and version as in the first answer."""

@@ -58,25 +58,53 @@ def make_scene(pair, runs, values, streams):
 
 
 def caption(scene, study, row):
-    """What the picture and the page show; `row` of a pairs table."""
+    """What the picture shows; `row` of a pairs table."""
     sentences = [
-        f"{study.pair(row)}. Scans at the true pose, seen from above: reference, source where it "
-        f"overlaps (overlap ratio {row.overlap:.2f}) and elsewhere, and the points that partial "
-        f"overlap λ = {scene.values['partial_overlap']:g} removes."
+        f"{study.pair(row)}. Scans at the true pose, seen from above: {_scans(scene, row)}"
     ]
-    if len(scene.clean) == 0:
-        return " ".join([*sentences, f"Not registered: {row.reason}."])
-    wrong = [int(runs.wrong_basin.sum()) for runs in (scene.clean, scene.perturbed)]
-    sentences.append(
-        f"Pose errors of {len(scene.clean)} runs, estimator {study.estimator}: initial poses, "
-        f"clean results, and results at {captions.describe_values(scene.values)}, with ellipses "
-        "that hold 95 % of a Gaussian of the same covariance; the right of each two panels is a "
-        "close-up of the clean results. Crosses are runs in a wrong basin: "
-        f"{wrong[0]} clean, {wrong[1]} perturbed."
+    if len(scene.clean):
+        sentences += [
+            _poses(scene, study, "ellipses"),
+            "The right of each two panels is a close-up of the clean results.",
+            f"Crosses are runs in a wrong basin: {_wrong_basins(scene)}.",
+        ]
+    return " ".join([*sentences, *_remarks(row)])
+
+
+def page_caption(scene, study, row):
+    """What the page shows; `row` of a pairs table."""
+    sentences = [f"Scans at the true pose: {_scans(scene, row)}"]
+    if len(scene.clean):
+        sentences += [
+            _poses(scene, study, "ellipsoids"),
+            f"Diamonds are runs in a wrong basin: {_wrong_basins(scene)}.",
+        ]
+    usage = "Drag to turn, scroll to zoom, click on a name to hide it."
+    return " ".join([*sentences, *_remarks(row), usage])
+
+
+def _scans(scene, row):
+    return (
+        f"reference, source where it overlaps (overlap ratio {row.overlap:.2f}) and elsewhere, and "
+        f"the points that partial overlap λ = {scene.values['partial_overlap']:g} removes."
     )
-    if row.warning:
-        sentences.append(f"Warning: {row.warning}.")
-    return " ".join(sentences)
+
+
+def _poses(scene, study, shapes):
+    return (
+        f"Pose errors of {len(scene.clean)} runs, estimator {study.estimator}: initial poses, "
+        f"clean results, and results at {captions.describe_values(scene.values)}, with {shapes} "
+        "that hold 95 % of a Gaussian of the same covariance."
+    )
+
+
+def _wrong_basins(scene):
+    return f"{scene.clean.wrong_basin.sum()} clean, {scene.perturbed.wrong_basin.sum()} perturbed"
+
+
+def _remarks(row):
+    remarks = [("Not registered", row.reason), ("Warning", row.warning)]
+    return [f"{kind}: {remark}." for kind, remark in remarks if remark]
 
 
 # --- the picture ----------------------------------------------------------------------------------
@@ -141,12 +169,12 @@ def samples(scene):
     nowhere = np.zeros(len(scene.perturbed), dtype=bool)
     return {
         "initial pose": (scene.perturbed[INITIAL_XI].to_numpy(), nowhere, INITIAL),
-        "clean": (scene.clean[XI].to_numpy(), scene.clean.wrong_basin.to_numpy(), CLEAN),
         "perturbed": (
             scene.perturbed[XI].to_numpy(),
             scene.perturbed.wrong_basin.to_numpy(),
             PERTURBED,
         ),
+        "clean": (scene.clean[XI].to_numpy(), scene.clean.wrong_basin.to_numpy(), CLEAN),
     }
 
 
@@ -253,7 +281,10 @@ def page(scene, title, text):
 def _add_poses(go, figure, scene, part, scale, column):
     for name, (xi, wrong, colour) in samples(scene).items():
         values = scale * xi[:, part]
-        for rows, label, symbol in ((~wrong, name, "circle"), (wrong, f"{name}, wrong basin", "x")):
+        for rows, label, symbol in (
+            (~wrong, name, "circle"),
+            (wrong, f"{name}, wrong basin", "diamond"),
+        ):
             if not rows.any():
                 continue
             x, y, z = values[rows].T

@@ -1,6 +1,7 @@
 """A stand-in for the data set's server: archives laid out like the real ones, served over HTTP on
 this machine, counting every byte and misbehaving on demand."""
 
+import gzip
 import io
 import re
 import threading
@@ -43,6 +44,7 @@ def build_archive(scans, T_global_local, root="apartment", pose_place="leica", n
         # What the real ones hold besides, and nobody needs.
         archive.writestr(f"{root}/readme.txt", "A directory, global clouds, and more.\n")
         archive.writestr(f"{root}/csv_global/PointCloud0.csv", "x,y,z\n" + "1,2,3\n" * 200_000)
+        archive.writestr(f"{root}/pictures.zip", b"not even a ZIP")
         if nested is None:
             for name, text in members.items():
                 archive.writestr(f"{root}/{name}", text)
@@ -233,12 +235,22 @@ class _Handler(BaseHTTPRequestHandler):
         self._head(206, len(body), self.first)
         self._send(bytes(body))
 
+    def shift(self):
+        """A range that starts one byte late."""
+        self.first += 1
+        self._answer()
+
     def compress(self):
-        """A proxy that re-encodes what passes."""
+        """The right bytes, compressed once more by a proxy."""
+        body = gzip.compress(self._body())
         self.send_response(206)
+        self.send_header("ETag", f'"{self.stand_in.version}"')
+        total = len(self.stand_in.content)
+        self.send_header("Content-Range", f"bytes {self.first}-{self.last}/{total}")
         self.send_header("Content-Encoding", "gzip")
-        self.send_header("Content-Length", "0")
+        self.send_header("Content-Length", str(len(body)))
         self.end_headers()
+        self._send(body)
 
     def replace(self):
         """From now on another version of the file."""

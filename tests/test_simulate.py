@@ -1,3 +1,5 @@
+"""Simulated scans: the laser, the scenes, and that the same seed gives the same bytes."""
+
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -10,11 +12,18 @@ from icpshap.open3d_loader import load_open3d
 BEAMS = {"apartment": 14_000, "stairwell": 12_000, "plain": 18_500}
 
 
+def simulate_sequence(scene, scans, beams, seed):
+    """Points of every scan, and the poses."""
+    poses = simulate.simulate_poses(scene, scans, seed)
+    clouds = [simulate.simulate_scan(scene, k, T, beams, seed) for k, T in enumerate(poses)]
+    return clouds, poses
+
+
 @pytest.fixture(scope="module")
 def sequences():
     """The whole path through every scene."""
     return {
-        scene: simulate.simulate_sequence(scene, simulate.maximum_scans(scene), beams, seed=3)
+        scene: simulate_sequence(scene, simulate.maximum_scans(scene), beams, seed=3)
         for scene, beams in BEAMS.items()
     }
 
@@ -59,7 +68,7 @@ def test_consecutive_scans_overlap_and_fit_at_the_exact_poses(sequences, scene):
 @pytest.mark.parametrize("scene", BEAMS)
 def test_a_few_points_are_the_robot(scene):
     open3d = load_open3d()
-    directions = simulate._beam_directions(BEAMS[scene])
+    directions = simulate._beam_directions()
     robot = simulate._raycaster(open3d, simulate._robot(open3d))
     ranges = simulate._cast(robot, np.zeros_like(directions), directions)
     seen = ranges[np.isfinite(ranges)]
@@ -90,27 +99,26 @@ def test_a_beam_straight_down_measures_the_sensor_height():
 
 
 def test_laser_fan_and_tilt():
-    directions = simulate._beam_directions(20_000)
-    assert len(directions) == pytest.approx(20_000, rel=0.02)
+    directions = simulate._beam_directions()
+    fans, beams = simulate.FULL_RESOLUTION
+    assert len(directions) == fans * beams
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1, atol=1e-12)
     # Tilting about y leaves the lateral component: 270 degrees reach back to -sin(135 degrees).
     fan = directions[: np.flatnonzero(np.diff(directions[:, 1]) < -1)[0] + 1]
     angles = np.unwrap(np.arctan2(fan[:, 1], fan[:, 0] / np.cos(simulate.TILT)))
     assert np.rad2deg(angles[-1] - angles[0]) == pytest.approx(270)
     np.testing.assert_allclose(np.diff(angles), np.diff(angles)[0])
-    fans, beams = simulate.FULL_RESOLUTION
-    assert len(simulate._beam_directions(fans * beams)) == fans * beams
 
 
 def test_range_noise_and_dropouts_are_as_stated(monkeypatch):
     monkeypatch.setattr(simulate, "DROPOUTS", 0.0)
-    (noisy,), _ = simulate.simulate_sequence("stairwell", 1, 12_000, seed=5)
+    (noisy,), _ = simulate_sequence("stairwell", 1, 12_000, seed=5)
     monkeypatch.setattr(simulate, "RANGE_NOISE", (0.0, 0.0))
-    (exact,), _ = simulate.simulate_sequence("stairwell", 1, 12_000, seed=5)
+    (exact,), _ = simulate_sequence("stairwell", 1, 12_000, seed=5)
     error = np.linalg.norm(noisy, axis=1) - np.linalg.norm(exact, axis=1)
     assert error.std() == pytest.approx(0.01, rel=0.03) and abs(error.mean()) < 5e-4
     monkeypatch.setattr(simulate, "DROPOUTS", 0.1)
-    (thinned,), _ = simulate.simulate_sequence("stairwell", 1, 12_000, seed=5)
+    (thinned,), _ = simulate_sequence("stairwell", 1, 12_000, seed=5)
     assert 1 - len(thinned) / len(exact) == pytest.approx(0.1, abs=0.01)
 
 
@@ -123,26 +131,31 @@ def as_bytes(sequence):
 def test_same_seed_same_bytes_also_in_parallel_threads(scene):
     arguments = (scene, 2, 2_000, 11)
     with ThreadPoolExecutor(2) as pool:
-        parallel = list(pool.map(lambda _: simulate.simulate_sequence(*arguments), range(4)))
+        parallel = list(pool.map(lambda _: simulate_sequence(*arguments), range(4)))
     assert len({as_bytes(sequence) for sequence in parallel}) == 1
-    assert as_bytes(simulate.simulate_sequence(*arguments)) == as_bytes(parallel[0])
-    assert as_bytes(simulate.simulate_sequence(*arguments[:3], 12)) != as_bytes(parallel[0])
+    assert as_bytes(simulate_sequence(*arguments)) == as_bytes(parallel[0])
+    assert as_bytes(simulate_sequence(*arguments[:3], 12)) != as_bytes(parallel[0])
 
 
 def test_a_scan_does_not_depend_on_how_many_follow():
-    few, few_poses = simulate.simulate_sequence("plain", 2, 2_000, 1)
-    more, more_poses = simulate.simulate_sequence("plain", 4, 2_000, 1)
+    few, few_poses = simulate_sequence("plain", 2, 2_000, 1)
+    more, more_poses = simulate_sequence("plain", 4, 2_000, 1)
     np.testing.assert_array_equal(few_poses, more_poses[:2])
     for a, b in zip(few, more, strict=False):
         np.testing.assert_array_equal(a, b)
 
 
 def test_full_resolution_scan():
-    (cloud,), _ = simulate.simulate_sequence("stairwell", 1, 367_540, 1)
+    (cloud,), _ = simulate_sequence("stairwell", 1, 367_540, 1)
     assert 350_000 < len(cloud) < 367_540
 
 
 def test_more_scans_than_the_path_holds():
     limit = simulate.maximum_scans("plain")
     with pytest.raises(ValueError, match=rf"scans: {limit + 1} do not fit .* at most {limit} do"):
-        simulate.simulate_sequence("plain", limit + 1, 1_000, 1)
+        simulate_sequence("plain", limit + 1, 1_000, 1)
+
+
+def test_more_beams_than_a_full_scan_has():
+    with pytest.raises(ValueError, match="beams: 400000 are more than the 367540 of a full scan"):
+        simulate.simulate_scan("plain", 0, np.eye(4), 400_000, 1)

@@ -1,8 +1,9 @@
 """Settings of the workflow, and the questions that rules ask of them."""
 
+import csv
 from dataclasses import asdict
 
-from icpshap import plan, provenance, settings
+from icpshap import plan, provenance, record, settings
 from icpshap.dataset import DataError, find_folder_files
 from icpshap.sources import NAMES
 
@@ -133,7 +134,7 @@ FIGURES = {
 
 def study_of(wildcards):
     """How the numbers of a scope came about, as far as figures and captions say it."""
-    name = wildcards.get("experiment") or wildcards.scope.split("/")[0]
+    name = wildcards.get("experiment") or wildcards["scope"].split("/")[0]
     experiment = SETTINGS.experiments[name]
     estimator = SETTINGS.estimators[experiment.estimator]
     return {
@@ -173,23 +174,68 @@ def perturbation_of_scene(wildcards):
     return experiment.waterfall or {name: max(experiment.levels[name]) for name in NAMES}
 
 
-def tables_of(experiment, scope):
+def rankings_of(experiment, scope):
     """Medians are of pairs; over the perturbations of a grid they would mean little."""
     if any(len(levels) > 1 for levels in experiment.levels.values()):
         return []
-    return [f"results/{scope}/tables/median_shap.md"]
+    return [f"results/{scope}/tables/outlier_rules.csv"]
+
+
+def selected_scopes():
+    """Experiment and scope of all that is selected."""
+    experiments = [SETTINGS.experiments[name] for name in SETTINGS.run]
+    return [(experiment, scope) for experiment in experiments for scope in scopes(experiment)]
+
+
+def sections():
+    """What report and comparison read of each selected scope."""
+    return [
+        {
+            "scope": scope,
+            "study": study_of({"experiment": experiment.name}),
+            "figures": [
+                path.replace(".png", ".svg")
+                for path in figures_of(experiment, scope)
+                if path.endswith(".png")
+            ],
+            "rankings": rankings_of(experiment, scope),
+        }
+        for experiment, scope in selected_scopes()
+    ]
+
+
+def compared_sections():
+    """The sections with a sequence that the paper has values of."""
+    with open(f"{workflow.basedir}/reference/table1.csv") as table:
+        known = {row["sequence"] for row in csv.DictReader(table)}
+    return [section for section in sections() if known & set(section["study"]["titles"])]
+
+
+def files_of(sections, *tables):
+    """The tables, rankings and pictures of sections."""
+    return [
+        path
+        for section in sections
+        for path in [
+            *(f"results/{section['scope']}/{table}.parquet" for table in tables),
+            *section["rankings"],
+            *section["figures"],
+        ]
+    ]
+
+
+def titles():
+    return {key: sequence.title for key, sequence in SETTINGS.data.items()}
 
 
 def targets():
     """The files of every selected experiment that has a selected sequence."""
-    paths = []
     for name in SETTINGS.run:
-        experiment = SETTINGS.experiments[name]
-        if not selected_sequences(experiment):
-            known = ", ".join(experiment.pairs)
+        if not selected_sequences(SETTINGS.experiments[name]):
+            known = ", ".join(SETTINGS.experiments[name].pairs)
             logger.info(f"Skipping {name}: none of its sequences ({known}) is selected.")
-        for scope in scopes(experiment):
-            paths += [f"results/{scope}/uncertainty.parquet", f"results/{scope}/shap.parquet"]
-            paths += figures_of(experiment, scope)
-            paths += tables_of(experiment, scope)
-    return paths
+    paths = [
+        path for experiment, scope in selected_scopes() for path in figures_of(experiment, scope)
+    ]
+    paths += files_of(sections(), "uncertainty", "shap")
+    return [*paths, "results/report.html", "results/provenance.yaml"] if paths else []

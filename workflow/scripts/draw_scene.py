@@ -20,10 +20,10 @@ def draw_scene(paths, output, sequence, indices, values, seed, study):
         values,
         perturbation.Streams(seed, sequence, *indices),
     )
-    caption = scene.caption(shown, study, row)
     save(scene.picture(shown), output.png, output.svg)
-    Path(output.caption).write_text(caption + "\n")
-    Path(output.page).write_text(scene.page(shown, study.pair(row), caption))
+    Path(output.caption).write_text(scene.caption(shown, study, row) + "\n")
+    text = scene.page_caption(shown, study, row)
+    Path(output.page).write_text(scene.page(shown, study.pair(row), text))
 
 
 if __name__ == "__main__":

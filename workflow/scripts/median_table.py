@@ -7,18 +7,16 @@ import pandas as pd
 from icpshap import median_table as layout
 from icpshap import ranking, tables
 from icpshap.captions import Study
+from icpshap.comparison import is_comparable
 from icpshap.logs import job_log
 from icpshap.sources import NAMES
 
 
 def median_table(paths, output, study, seed):
-    table = ranking.ranking_table(
-        tables.read(paths.shap, "shap"),
-        tables.read(paths.resampled, "resampled"),
-        NAMES,
-        pd.read_csv(paths.paper),
-        seed=seed,
-    )
+    shap = tables.read(paths.shap, "shap")
+    paper = pd.read_csv(paths.paper) if is_comparable(shap, study) else None
+    resampled = tables.read(paths.resampled, "resampled")
+    table = ranking.ranking_table(shap, resampled, NAMES, paper, seed=seed)
     table.to_csv(output.rules, index=False)
     layout.median_rows(table).to_csv(output.csv, index=False)
     Path(output.md).write_text(layout.markdown(table, study))
