@@ -5,7 +5,7 @@ from contextlib import contextmanager
 import matplotlib
 import numpy as np
 from matplotlib.colors import ListedColormap
-from matplotlib.ticker import FixedLocator, StrMethodFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from icpshap import captions
 
@@ -89,7 +89,13 @@ def symmetric_logarithmic(axes, direction):
     powers = 10.0 ** np.arange(0, 20, step)
     axis = {"x": axes.xaxis, "y": axes.yaxis}[direction]
     axis.set_major_locator(FixedLocator([*-powers[::-1], 0, *powers]))
-    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_major_formatter(FuncFormatter(_power_of_ten))
+
+
+def _power_of_ten(value, _):
+    if abs(value) <= 100:
+        return f"{value:g}".replace("-", "−")
+    return f"${'-' * int(value < 0)}10^{{{np.log10(abs(value)):.0f}}}$"
 
 
 def tame(axes, direction, values):
