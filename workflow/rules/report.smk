@@ -14,7 +14,7 @@ rule median_table:
     input:
         shap="results/{scope}/shap.parquet",
         resampled="results/{scope}/resampled.parquet",
-        paper="reference/table1.csv",
+        paper=f"{workflow.basedir}/reference/table1.csv",
     output:
         md=report(
             "results/{scope}/tables/median_shap.md",
@@ -45,7 +45,7 @@ rule compare_with_paper:
     """Set the results of every estimator that was run against the paper's."""
     input:
         files_of(compared_sections(), "shap"),
-        figures="reference/figures.csv",
+        figures=f"{workflow.basedir}/reference/figures.csv",
     output:
         png=report(
             "results/comparison/paper.png",
@@ -99,7 +99,7 @@ rule report:
         files_of(sections(), "shap", "uncertainty", "pairs"),
         rules.compare_with_paper.output if compared_sections() else [],
         provenance="results/provenance.yaml",
-        template="icpshap/report.html",
+        template=f"{workflow.basedir}/icpshap/report.html",
     output:
         page=report(
             "results/report.html",
