@@ -121,7 +121,23 @@ def test_noise_floor_and_a_a_value_are_drawn(grid):
     handles, labels = axes.get_legend_handles_labels()
     marks = dict(zip(labels, handles, strict=True))
     assert marks["noise floor of f (95 %)"].get_width() == pytest.approx(0.368)
-    assert marks["A/A value"].get_xdata()[0] == pytest.approx(0.3)
+    assert marks["A/A value, 0.30"].get_xdata()[0] == pytest.approx(0.3)
+
+
+def test_an_a_a_value_far_above_f_does_not_squash_the_arrows(grid):
+    before = drawn("waterfall", grid)[0].axes[0].get_xlim()
+    axes = drawn("waterfall", grid.assign(f_again=254888.2))[0].axes[0]
+    assert "A/A value, 2.55e+05 (off the axis)" in axes.get_legend_handles_labels()[1]
+    assert axes.get_xlim() == before
+
+
+def test_huge_values_get_a_logarithmic_axis(grid):
+    assert drawn("summary", grid)[0].axes[0].get_xscale() == "linear"
+    grid.loc[17, "phi_partial_overlap"] = -400_000.0
+    figure, caption = drawn("summary", grid)
+    assert figure.axes[0].get_xscale() == "symlog"
+    assert "The axis is linear up to 1 and logarithmic beyond." in caption
+    assert drawn(DEPENDENCE[2], grid)[0].axes[0].get_yscale() == "symlog"
 
 
 @pytest.mark.parametrize("name", DEPENDENCE)
@@ -290,6 +306,13 @@ def test_warning_comes_with_the_sensitivity_to_the_floor(grid):
     assert "sensor noise 0.25 and 0.25" in lines[1]
 
 
+def test_a_pair_whose_clean_samples_differ_is_a_warning(grid):
+    assert captions.warnings(grid, STUDY) == []
+    (line,) = captions.warnings(grid.assign(f_again=364.68), STUDY)
+    assert line.startswith("In 1 of 1 pairs two clean samples differ by more than the noise floor")
+    assert "f = 364.68 nats at most" in line
+
+
 def test_noise_floor_sentence(grid):
     (sentence,) = captions.noise_floor(grid)
     assert "mean 0.23 and the 95 % quantile 0.37" in sentence
@@ -307,9 +330,15 @@ def test_additive_variances_interact_by_the_logarithm_alone():
 def test_finding_names_the_largest_source(fixed):
     for name, value in zip(NAMES, (1.0, 5.0, 2.0), strict=True):
         fixed[f"phi_{name}"] = value
+        fixed[f"phi_{name}_significant"] = True
     text = captions.finding(fixed, STUDY)
     assert "initial pose scale contributes most to the uncertainty, φ = 5.00 nats" in text
     assert "an_experiment (3 pairs of Apartment, ETH)" in text
+    for name in NAMES:
+        fixed[f"phi_{name}_significant"] = name != "initial_pose"
+    assert "partial overlap contributes most" in captions.finding(fixed, STUDY)
+    fixed[[f"phi_{name}_significant" for name in NAMES]] = False
+    assert "no uncertainty source can be told from zero in most" in captions.finding(fixed, STUDY)
     nothing = without_value(fixed, fixed.index, "too little overlap")
     assert captions.finding(nothing, STUDY).endswith("no pair has a value.")
 
