@@ -24,7 +24,10 @@ include: "workflow/rules/progress.smk"
 
 localrules:
     all,
+    compare_with_paper,
     join_sequences,
+    provenance,
+    report,
 
 
 rule all:
@@ -41,7 +44,5 @@ onsuccess:
 
 
 onerror:
-    logger.error(
-        "Some jobs failed. The end of each one's log is above, the whole in logs/<rule>/.\n"
-        "Hint: mend the cause and run the same command again; finished jobs are kept."
-    )
+    if JOB_LINES.failed:
+        logger.error(progress.failure(JOB_LINES.failed))

@@ -11,6 +11,8 @@ import numpy as np
 from icpshap import divergence
 from icpshap.sources import NAMES, SOURCES
 
+# Values beyond this, which a few runs in a wrong basin can cause, get a logarithmic axis.
+HUGE = 1000
 DRAWS = "one draw of the sensor noise and of the removed points"
 
 
@@ -55,6 +57,24 @@ def present(table, source):
 def instance(table, values):
     """The rows of one instance, given by a value for each source."""
     return table[np.all([np.isclose(table[name], values[name]) for name in NAMES], axis=0)]
+
+
+def number(value):
+    """A value as text, with two decimals unless it is very large."""
+    return f"{value:.2f}" if abs(value) < 1000 else f"{value:.3g}"
+
+
+def is_huge(values):
+    return np.size(values) > 0 and np.nanmax(np.abs(values)) > HUGE
+
+
+def axis(values):
+    """What an axis for such values is like, where it is not plain."""
+    return " The axis is linear up to 1 and logarithmic beyond." * bool(is_huge(values))
+
+
+def interval(low, high):
+    return f"[{number(low)}, {number(high)}]"
 
 
 def describe_values(values):
@@ -126,13 +146,14 @@ def basins(table, study):
     both = kept[kept.f_right_basin.notna()]
     if len(both):
         parts = (
-            f"{source.title} {rows[f'phi_{source.name}_all'].median():.2f} and "
-            f"{rows[f'phi_{source.name}_right_basin'].median():.2f}"
+            f"{source.title} {number(rows[f'phi_{source.name}_all'].median())} and "
+            f"{number(rows[f'phi_{source.name}_right_basin'].median())}"
             for source in SOURCES
             for rows in [present(both, source)]
             if len(rows)
         )
-        sentences.append(f"Median φ with and without such runs: {', '.join(parts)}.")
+        where = "" if len(both) == len(kept) else f" of the {len(both)} instances that allow it"
+        sentences.append(f"Median φ{where} with and without such runs: {', '.join(parts)}.")
     if len(both) < len(kept):
         sentences.append(
             f"For {len(kept) - len(both)} of {len(kept)} instances too few runs are left "
@@ -172,11 +193,11 @@ def noise_floor(table):
     )
     again = kept.drop_duplicates(["sequence", "reference", "source"]).f_again.dropna()
     if len(again) == 1:
-        text += f"; between two clean samples of this pair it is {again.iloc[0]:.2f} (A/A)"
+        text += f"; between two clean samples of this pair it is {number(again.iloc[0])} (A/A)"
     elif len(again):
         text += (
-            f"; between two clean samples of a pair it is {again.median():.2f} in the median "
-            f"of {len(again)} pairs, at most {again.max():.2f} (A/A)"
+            f"; between two clean samples of a pair it is {number(again.median())} in the "
+            f"median of {len(again)} pairs, at most {number(again.max())} (A/A)"
         )
     return [text + "."]
 
@@ -193,6 +214,13 @@ def warnings(table, study):
         where = ", ".join(names) if len(names) <= 4 else f"{len(names)} pairs"
         lines.append(f"{where} ({len(rows)} instances): {warning}.")
     lines += floor_sensitivity(table)
+    unsettled = valued(pairs)[lambda rows: rows.f_again > rows.null_95]
+    if len(unsettled):
+        lines.append(
+            f"In {len(unsettled)} of {len(valued(pairs))} pairs two clean samples differ by more "
+            f"than the noise floor, f = {number(unsettled.f_again.max())} {study.unit} at most: an "
+            "f of that size need not come from any uncertainty source."
+        )
     failed = table[table.n_failed > 0]
     if len(failed):
         lines.append(
@@ -215,15 +243,19 @@ def finding(table, study):
     for source in SOURCES:
         rows = present(table, source)
         if len(rows):
-            medians[source.title] = rows[f"phi_{source.name}"].median()
-            significant = rows[f"phi_{source.name}_significant"].astype(bool).sum()
-            told.append(f"{source.title} in {significant:,} of {len(rows):,}")
-    if not medians:
+            significant = rows[f"phi_{source.name}_significant"].astype(bool)
+            told.append(f"{source.title} in {significant.sum():,} of {len(rows):,}")
+            if significant.mean() > 0.5:
+                medians[source.title] = rows[f"phi_{source.name}"].median()
+    if not told:
         return f"{where}: nothing was perturbed."
+    share = f"φ can be told from zero for {', '.join(told)} instances"
+    if not medians:
+        return f"{where}: no uncertainty source can be told from zero in most instances; {share}."
     largest = max(medians, key=medians.get)
     return (
-        f"{where}: {largest} contributes most to the uncertainty, φ = {medians[largest]:.2f} "
-        f"{study.unit} in the median; φ can be told from zero for {', '.join(told)} instances."
+        f"{where}: {largest} contributes most to the uncertainty, φ = {number(medians[largest])} "
+        f"{study.unit} in the median; {share}."
     )
 
 
@@ -268,13 +300,16 @@ def _which_instances(table):
 def _summary(_, table, study):
     return [
         f"Shapley values of the uncertainty sources, {_which_pairs(table, study)} "
-        f"{_which_instances(table)}; a dot is an instance."
+        f"{_which_instances(table)}; a dot is an instance. Counts are of the instances in which "
+        "a source is on: how many of its values can be distinguished from zero."
+        + axis(valued(table)[[f"phi_{name}" for name in NAMES]])
     ]
 
 
 def _waterfall(_, table, study):
     return [
-        f"What f = {table.f.iloc[0]:.2f} {study.unit} is made of, {_which_pairs(table, study)} at "
+        f"What f = {number(table.f.iloc[0])} {study.unit} is made of, "
+        f"{_which_pairs(table, study)} at "
         f"{describe_values(table.iloc[0])}. Black lines are 95 % intervals of the Shapley values, "
         "put where the arrow ends; a hatched arrow cannot be distinguished from zero."
     ]
@@ -287,7 +322,7 @@ def _dependence(figure, table, study):
         f"{_which_pairs(table, study)} {_which_instances(table)}. Within a level, dots are "
         f"set side by side by {other.symbol}; the line is their median, the band holds the "
         "central 90 %, and the bars are the median lower and upper ends of the 95 % intervals. "
-        "Open dots cannot be distinguished from zero."
+        "Open dots cannot be distinguished from zero." + axis(valued(table)[f"phi_{source.name}"])
     ]
 
 

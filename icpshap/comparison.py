@@ -8,7 +8,7 @@ import pandas as pd
 from tabulate import tabulate
 
 from icpshap import captions
-from icpshap.figures.style import INK, MUTED, PAGE, say_nothing, styled, value_label
+from icpshap.figures.style import INK, MUTED, PAGE, say_nothing, styled, tame, value_label
 from icpshap.sources import NAMES, SOURCES
 
 # The pair and the perturbation of the paper's figures and of its table.
@@ -113,7 +113,7 @@ def _body(table, titles):
                 source_titles.get(row.source, row.source),
                 row.estimator,
                 paper,
-                f"{row.value:.2f} [{row.low:.2f}, {row.high:.2f}]",
+                f"{captions.number(row.value)} {captions.interval(row.low, row.high)}",
             ]
         )
     return lines
@@ -160,6 +160,7 @@ def draw(table, titles):
                 if single:
                     axes.plot(theirs.paper_low, y, "D", color=INK, markersize=3, label="the paper")
             axes.axvline(0, color=MUTED, linewidth=0.5, zorder=-1)
+            tame(axes, "x", rows[["low", "high"]].to_numpy())
             axes.set_xlabel(value_label(source, "nats"))
         names = [f"{titles.get(s, s)}, {where}" for where, s in lines]
         panels[0].set_yticks(range(len(lines)), names)

@@ -211,10 +211,14 @@ def null_quantile(reading, n, probability, unbiased=False):
 
     It does not depend on which distribution. NaN for a reading without a null.
     """
-    reading = READINGS[reading]
-    if not reading.compares_with_clean:
+    if not READINGS[reading].compares_with_clean:
         return np.nan
+    return np.quantile(_null_values(reading, n, unbiased), probability)
+
+
+@cache
+def _null_values(reading, n, unbiased):
     generator = np.random.default_rng(n)
     samples = wishart.rvs(n - 1, np.eye(DIMENSION), (2, NULL_DRAWS), generator) / (n - 1)
     clean, perturbed = (Spread(sample, np.float64(n), None, None) for sample in samples)
-    return np.quantile(reading.evaluate(clean, perturbed, unbiased), probability)
+    return READINGS[reading].evaluate(clean, perturbed, unbiased)

@@ -8,6 +8,7 @@ import pandas as pd
 from icpshap import shapley
 from icpshap.intervals import mean_interval
 from icpshap.uncertainty import (
+    MINIMUM_RUNS,
     Estimates,
     Method,
     Sample,
@@ -15,6 +16,7 @@ from icpshap.uncertainty import (
     degeneracy,
     estimate,
     null,
+    null_quantile,
     remarks,
     resampled,
     samples,
@@ -24,6 +26,7 @@ from icpshap.uncertainty import (
 __all__ = ["Method", "explain", "load_explanation", "resampled_values"]
 
 PAIR = ("sequence", "reference", "source")
+AGAIN_PROBABILITY = 0.99
 
 
 def explain(runs, instances, sources, method, pair, reason=""):
@@ -81,17 +84,19 @@ def shap_table(replicates, instances, games, method):
     rows = [sample.rows(games) for sample in replicates]
     found = _combined(replicates, rows, method)
     n_used = found.n_used.min(axis=0)
+    f_again = np.mean([clean_again(sample, method) for sample in replicates])
     variants = {
         "all": _combined(replicates, rows, method, leave_out=False, intervals=False),
         "right_basin": _combined(replicates, rows, method, leave_out=True, intervals=False),
         "floor_tenfold": _combined(replicates, rows, method.with_floor(10.0), intervals=False),
         "floor_tenth": _combined(replicates, rows, method.with_floor(0.1), intervals=False),
     }
+    n_right_basin = variants["right_basin"].n_used.min(axis=0)
     null_mean, null_95 = null(n_used, method)
     columns = {
         **_estimate_columns(sources, found, variants),
         "regression_difference": _regression_difference(found.value, len(sources)),
-        "f_again": np.mean([clean_again(sample, method) for sample in replicates]),
+        "f_again": f_again,
         "null_mean": null_mean,
         "null_95": null_95,
         "n_runs": sum(sample.xi.shape[1] for sample in replicates),
@@ -99,7 +104,7 @@ def shap_table(replicates, instances, games, method):
         "n_failed": _runs_anywhere([sample.failed for sample in replicates], rows),
         "n_wrong_basin": _runs_anywhere([sample.wrong_basin for sample in replicates], rows),
         "interval_over": _interval_over(replicates),
-        "warning": _warnings(replicates, rows, n_used, method),
+        "warning": _warnings(replicates, rows, n_used, n_right_basin, f_again, method),
     }
     return instances[["instance", *sources]].reset_index(drop=True).assign(**columns)
 
@@ -143,13 +148,25 @@ def _runs_anywhere(marks, rows):
     return sum(mark[row].any(axis=1).sum(axis=1) for mark, row in zip(marks, rows, strict=True))
 
 
-def _warnings(replicates, rows, n_used, method):
+def _warnings(replicates, rows, n_used, n_right_basin, f_again, method):
+    """A text for each game: `remarks`, and what the wrong basins and the A/A value tell."""
     clean = [
         degeneracy(sample, row[:1, :1], method)
         for sample, row in zip(replicates, rows, strict=True)
     ]
     floor_share, memory = (max(part[key][0] for part in clean) for key in ("floor_share", "memory"))
-    return [remarks(n, floor_share, memory) for n in n_used]
+    texts = []
+    for n, right in zip(n_used, n_right_basin, strict=True):
+        found = [remarks(n, floor_share, memory)]
+        if right < MINIMUM_RUNS <= n:
+            found.append(f"only {right} runs are never in a wrong basin: no value without those")
+        if n >= MINIMUM_RUNS and f_again > null_quantile(method, n, AGAIN_PROBABILITY):
+            found.append(
+                f"two clean samples differ by {f_again:.2g}, more than Gaussian ones would: a few "
+                "runs make up the covariance"
+            )
+        texts.append("; ".join(filter(None, found)))
+    return texts
 
 
 def _interval_over(replicates):

@@ -3,6 +3,7 @@
 import numpy as np
 from tabulate import tabulate
 
+from icpshap import captions
 from icpshap.sources import SOURCES
 
 DEFAULT_RULE = "iqr"
@@ -68,7 +69,7 @@ def estimate(row, name, form):
     if np.isnan(median):
         return "no value"
     unsure = UNSURE[form] if low <= 0 <= high else ""
-    return f"{median:.2f} [{low:.2f}, {high:.2f}]{unsure}"
+    return f"{captions.number(median)} {captions.interval(low, high)}{unsure}"
 
 
 def _rules_table(ranking, study, form):

@@ -37,8 +37,8 @@ def is_replaced(record):
 class Progress(logging.Handler):
     """Turns snakemake's events into a line for every finished job.
 
-    terminal: where lines go; planned(): the ICP settings and runs of the jobs that will run;
-    settings_and_runs(wildcards): those of one job.
+    `failed` holds the logs of jobs that failed. terminal: where lines go; planned(): the ICP
+    settings and runs of the jobs that will run; settings_and_runs(wildcards): those of one job.
     """
 
     def __init__(self, terminal, planned, settings_and_runs, clock=time.monotonic):
@@ -48,6 +48,7 @@ class Progress(logging.Handler):
         self.settings_and_runs = settings_and_runs
         self.clock = clock
         self.jobs = {}
+        self.failed = []
         self.finished = self.total = self.settings = self.runs = 0
         self.started = None
 
@@ -60,6 +61,8 @@ class Progress(logging.Handler):
             self.jobs[record.jobid] = (record.rule_name, record.wildcards)
             if record.rule_name == "run_icp" and self.started is None:
                 self.started = self.clock()
+        elif event == "job_error":
+            self.failed += record.log
         elif event == "job_finished":
             self.finished += 1
             rule, wildcards = self.jobs.get(record.job_id, ("all", {}))
@@ -81,6 +84,15 @@ class Progress(logging.Handler):
             f"{text}: {self.settings} of {self.planned_settings} settings, "
             f"{rate:,.0f} ICP runs a second, {left} left"
         )
+
+
+def failure(logs):
+    """What a run that failed ends with; logs: those of the jobs that failed."""
+    where = "".join(f"\n  {log}" for log in logs)
+    return (
+        f"{len(logs)} job(s) failed; what they said is in{where}\n"
+        "Hint: mend the cause and run the same command again; finished jobs are kept."
+    )
 
 
 def duration(seconds):

@@ -297,8 +297,8 @@ def _sequence_inconsistencies(where, block):
             "Hint: `archive: null` unsets a key of config.yaml"
         )
     archive = block.get("archive")
-    if archive is not None and ("url" in archive) == ("path" in archive):
-        yield f"{where}.archive: expected exactly one of url and path"
+    if archive is not None and not {"url", "path"} & set(archive):
+        yield f"{where}.archive: expected url, or path for a ZIP on disk"
 
 
 def _estimator_inconsistencies(name, estimators):

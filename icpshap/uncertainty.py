@@ -275,14 +275,20 @@ def _perturbed(game):
 
 def null(n_used, method):
     """Mean and 95 % quantile of f where nothing is perturbed, for independent runs: (...) each."""
-    unbiased = method.bias_correction != "none"
     numbers, inverse = np.unique(n_used, return_inverse=True)
     found = np.full((2, len(numbers)), np.nan)
     for column in np.flatnonzero(numbers >= MINIMUM_RUNS):
         n = int(numbers[column])
-        found[0, column] = divergence.null_mean(method.divergence, n, unbiased)
-        found[1, column] = divergence.null_quantile(method.divergence, n, 0.95, unbiased)
+        corrected = method.bias_correction != "none"
+        found[0, column] = divergence.null_mean(method.divergence, n, corrected)
+        found[1, column] = null_quantile(method, n, 0.95)
     return found[:, inverse]
+
+
+def null_quantile(method, n, probability):
+    """Quantile of f where nothing is perturbed, for n independent Gaussian runs."""
+    corrected = method.bias_correction != "none"
+    return divergence.null_quantile(method.divergence, int(n), probability, corrected)
 
 
 def degeneracy(sample, games, method):

@@ -4,6 +4,7 @@ import copy
 import os
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 import yaml
@@ -11,6 +12,10 @@ import yaml
 from icpshap import perturbation, se3, settings
 
 REPOSITORY = Path(__file__).parent.parent
+# Tests, and the workflows that they run, compile the ICP engine once.
+numba.config.CACHE_DIR = str(REPOSITORY / ".cache" / "numba")
+os.environ.setdefault("NUMBA_CACHE_DIR", numba.config.CACHE_DIR)
+
 PAPER_CONFIG = yaml.safe_load((REPOSITORY / "config.yaml").read_text())
 
 

@@ -3,6 +3,7 @@ this machine, counting every byte and misbehaving on demand."""
 
 import gzip
 import io
+import random
 import re
 import threading
 import time
@@ -43,7 +44,9 @@ def build_archive(scans, T_global_local, root="apartment", pose_place="leica", n
     with zipfile.ZipFile(outer, "w", zipfile.ZIP_DEFLATED) as archive:
         # What the real ones hold besides, and nobody needs.
         archive.writestr(f"{root}/readme.txt", "A directory, global clouds, and more.\n")
-        archive.writestr(f"{root}/csv_global/PointCloud0.csv", "x,y,z\n" + "1,2,3\n" * 200_000)
+        archive.writestr(
+            f"{root}/csv_global/PointCloud0.csv", random.Random(0).randbytes(1_000_000)
+        )
         archive.writestr(f"{root}/pictures.zip", b"not even a ZIP")
         if nested is None:
             for name, text in members.items():

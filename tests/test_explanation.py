@@ -104,6 +104,25 @@ def test_fewer_than_fifty_runs_are_not_explained():
     assert row["warning"] == "only 40 runs left, fewer than 50: no value"
 
 
+def test_clean_samples_that_differ_more_than_gaussian_ones_are_named():
+    runs = runs_table()
+    assert explain_one(runs)["warning"] == ""
+    far = (runs["draws"] == 1) & (runs["run"] == 7)
+    runs.loc[far, "xi_3"] += 1.0
+    row = explain_one(runs)
+    assert row["f_again"] > row["null_95"]
+    assert row["warning"].startswith("two clean samples differ by")
+
+
+def test_too_few_runs_outside_wrong_basins_are_named():
+    runs = runs_table()
+    runs["wrong_basin"] = runs["run"] < 30 + 25 * (runs["sensor_noise"] > 0)
+    row = explain_one(runs)
+    assert row["n_used"] == 100
+    assert np.isnan(row["f_right_basin"])
+    assert row["warning"] == "only 45 runs are never in a wrong basin: no value without those"
+
+
 def test_floor_variants_are_the_values_with_another_floor():
     runs = runs_table()
     row = explain_one(runs, covariance_floor_rotation=1e-4, covariance_floor_translation=1e-3)

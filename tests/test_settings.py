@@ -96,7 +96,7 @@ MISTAKES = [
     ("data.eth.scans", 1, "data.eth.scans: 1 is less than the minimum of 2"),
     ("data.eth.folder", {"path": "x"}, "data.eth: expected exactly one of archive, folder, simu"),
     ("data.eth.archive", None, "data.eth: expected exactly one of archive, folder, simulated, fo"),
-    ("data.eth.archive", {"bytes": 3}, "data.eth.archive: expected exactly one of url and path"),
+    ("data.eth.archive", {"bytes": 3}, "data.eth.archive: expected url, or path for a ZIP on disk"),
     ("data.eth.archive.url", "ftp://x", "data.eth.archive.url: 'ftp://x' does not match"),
     ("data.Eth", {"scans": 3}, "'Eth' does not match"),
     ("estimators.paper.metric", "point_to_plan", "did you mean 'point_to_plane'?"),

@@ -106,6 +106,20 @@ def test_bias_corrections():
     assert np.mean(found["wishart"]) == pytest.approx(0.0, abs=0.05)
 
 
+def test_an_interval_is_widened_to_hold_a_value_beside_it():
+    """f of independent clean samples is biased upwards, out of the interval of the truth."""
+    clean = {name: [off] for name, off in SOURCES.items()}
+    (sample,) = uncertainty.samples(runs_table(levels=clean), NAMES)
+
+    def both_signs(game):
+        return game[..., 1:] * np.array([1.0, -1.0])
+
+    found = uncertainty.estimate(sample, np.array([[0, 1]]), both_signs, Method())
+    f = found.value[0, 0]
+    assert found.high[0].tolist() == [f, -found.low[0, 0]]
+    assert found.low[0, 1] == -f
+
+
 def test_jackknife_correction_deletes_runs():
     runs = runs_table()
     row = row_of(table_of(runs, bias_correction="jackknife"), [0.05, 1.0, 0.0])
@@ -146,6 +160,13 @@ def test_memory_is_the_share_that_follows_the_initial_pose():
     assert uncertainty.memory(initial, xi) == pytest.approx(0.8, abs=0.02)
     assert uncertainty.memory(initial, np.zeros((4000, 6))) == 0
     assert np.isnan(uncertainty.memory(initial[:13], xi[:13]))
+
+
+def test_runs_in_a_wrong_basin_have_no_say_in_the_memory():
+    """They come from far-off initial poses, but that is no sign of the stopping rule."""
+    runs = runs_table(wrong=[3, 60])
+    runs.loc[runs["wrong_basin"], "initial_xi_0"] = 5.0
+    assert row_of(table_of(runs), REFERENCE)["memory"] < 0.3
 
 
 def test_a_singular_covariance_without_a_floor_is_an_error():

@@ -1,86 +1,25 @@
 """The whole workflow, as a user runs it, on tiny clouds."""
 
-import os
-import re
 import shutil
-import subprocess
-import sys
-from hashlib import sha256
 
 import pandas as pd
 import pytest
 import yaml
 from conftest import REPOSITORY
-
-PARTS = ("Snakefile", "config.yaml", "config", "icpshap", "workflow", "profiles", "reference")
-TINY = REPOSITORY / "tests" / "tiny.yaml"
-
-
-class Checkout:
-    """A copy of the repository in which snakemake runs."""
-
-    def __init__(self, folder):
-        self.folder = folder
-        for part in PARTS:
-            source = REPOSITORY / part
-            if source.is_dir():
-                ignore = shutil.ignore_patterns("__pycache__")
-                shutil.copytree(source, folder / part, ignore=ignore)
-            else:
-                shutil.copy(source, folder / part)
-        shutil.copy(TINY, folder / "tiny.yaml")
-
-    def run(self, *arguments, cores=2, fails=False):
-        """What snakemake says; stdout and stderr together."""
-        environment = {
-            **os.environ,
-            # One compilation serves every checkout.
-            "NUMBA_CACHE_DIR": str(REPOSITORY / ".cache" / "numba"),
-        }
-        command = [sys.executable, "-m", "snakemake", f"-j{cores}", *arguments]
-        done = subprocess.run(
-            command,
-            cwd=self.folder,
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        assert (done.returncode != 0) == fails, done.stdout
-        return done.stdout
-
-    def tiny(self, *arguments, **keywords):
-        return self.run("--configfile", "tiny.yaml", *arguments, **keywords)
-
-    def planned(self, *arguments):
-        """Jobs by rule that a dry run plans."""
-        said = self.run("-n", *arguments)
-        return {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", said, re.M)}
-
-    def digests(self, pattern):
-        return {
-            str(path.relative_to(self.folder)): sha256(path.read_bytes()).hexdigest()
-            for path in sorted(self.folder.glob(pattern))
-        }
-
-    def change(self, name, old, new):
-        path = self.folder / name
-        text = path.read_text()
-        assert old in text
-        path.write_text(text.replace(old, new))
+from project import TINY, Project, change
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A checkout in which the tiny experiments have run, and what snakemake said."""
-    checkout = Checkout(tmp_path_factory.mktemp("finished"))
-    checkout.said = checkout.tiny()
-    return checkout
+    """A project in which the tiny experiments have run, and what snakemake said."""
+    project = Project(tmp_path_factory.mktemp("finished"))
+    project.said = project.tiny()
+    return project
 
 
 @pytest.fixture
-def checkout(tmp_path):
-    return Checkout(tmp_path)
+def project(tmp_path):
+    return Project(tmp_path)
 
 
 def test_everything_is_made(finished):
@@ -135,68 +74,82 @@ def test_forcing_one_sequence_leaves_the_others_alone(finished):
     assert "tiny_room" not in plan.replace("(tiny_room)", "")
 
 
-def test_same_bytes_with_other_cores_and_other_chunks(finished, checkout):
-    checkout.tiny("--config", "runs_per_job=10000", cores=1)
+def test_same_bytes_with_other_cores_and_other_chunks(finished, project):
+    project.tiny("--config", "runs_per_job=10000", cores=1)
     for pattern in ("results/*/*.parquet", "results/*/*/*.parquet", "resources/**/*.parquet"):
-        found = checkout.digests(pattern)
+        found = project.digests(pattern)
         expected = finished.digests(pattern)
         assert found
         assert found == {path: expected[path] for path in found}
-    assert len(checkout.digests("results/tiny_grid/**/runs/**/*.parquet")) == 1
+    assert len(project.digests("results/tiny_grid/**/runs/**/*.parquet")) == 1
     assert len(finished.digests("results/tiny_grid/**/runs/**/*.parquet")) > 1
 
 
 class TestWhatRunsAgain:
     """Changes plan the jobs that they concern, and no registration that they do not."""
 
-    @pytest.fixture(autouse=True)
-    def restored(self, finished):
-        kept = {path: path.read_bytes() for path in finished.folder.glob("icpshap/*.py")}
-        kept[finished.folder / "tiny.yaml"] = TINY.read_bytes()
-        yield
-        for path, content in kept.items():
-            path.write_bytes(content)
+    @pytest.fixture
+    def edited(self, finished, tmp_path):
+        yield finished.with_copied_code(tmp_path)
+        shutil.copy(TINY, finished.folder)
 
-    def planned(self, finished):
-        return finished.planned("--configfile", "tiny.yaml")
+    def planned(self, project):
+        return project.planned("--configfile", "tiny.yaml")
 
-    def test_the_settings_of_a_figure_plan_no_registration(self, finished):
-        finished.change("tiny.yaml", "figures: [summary, waterfall,", "figures: [waterfall,")
-        assert not {"run_icp", "explain_sequence"} & set(self.planned(finished))
+    def test_the_same_code_elsewhere_computes_nothing_again(self, edited):
+        reads_the_papers_numbers = {"median_table", "compare_with_paper", "report"}
+        others = {"all", "total", "provenance"}
+        assert set(self.planned(edited)) <= reads_the_papers_numbers | others
 
-    def test_another_divergence_plans_no_registration(self, finished):
-        finished.change("tiny.yaml", "    runs: 60", "    runs: 60\n    divergence: symmetric_kl")
-        planned = self.planned(finished)
+    def test_the_settings_of_a_figure_plan_no_registration(self, edited):
+        change(edited.folder / "tiny.yaml", "figures: [summary, waterfall,", "figures: [waterfall,")
+        assert not {"run_icp", "explain_sequence"} & set(self.planned(edited))
+
+    def test_another_divergence_plans_no_registration(self, edited):
+        change(
+            edited.folder / "tiny.yaml",
+            "    runs: 60",
+            "    runs: 60\n    divergence: symmetric_kl",
+        )
+        planned = self.planned(edited)
         assert planned["explain_sequence"] == 3
         assert "run_icp" not in planned
 
-    def test_another_sequence_registers_only_itself(self, finished):
-        finished.change(
-            "tiny.yaml",
+    def test_another_sequence_registers_only_itself(self, edited):
+        change(
+            edited.folder / "tiny.yaml",
             "estimators:",
             "  tiny_plain:\n    scans: 2\n    simulated: {scene: plain, beams: 6000}\nestimators:",
         )
-        finished.change("tiny.yaml", "tiny_stairs]\nrun", "tiny_stairs, tiny_plain]\nrun")
-        finished.change("tiny.yaml", "[tiny_room, tiny_stairs]\n    inst", "&all [x]\n    inst")
-        finished.change("tiny.yaml", "&all [x]", "[tiny_room, tiny_stairs, tiny_plain]")
-        planned = self.planned(finished)
+        change(edited.folder / "tiny.yaml", "tiny_stairs]\nrun", "tiny_stairs, tiny_plain]\nrun")
+        change(
+            edited.folder / "tiny.yaml", "[tiny_room, tiny_stairs]\n    inst", "&all [x]\n    inst"
+        )
+        change(edited.folder / "tiny.yaml", "&all [x]", "[tiny_room, tiny_stairs, tiny_plain]")
+        planned = self.planned(edited)
         assert planned["run_icp"] == 2
 
-    def test_more_runs_register_again(self, finished):
-        finished.change("tiny.yaml", "runs: 60", "runs: 70")
-        assert self.planned(finished)["run_icp"] > 3
+    def test_more_runs_register_again(self, edited):
+        change(edited.folder / "tiny.yaml", "runs: 60", "runs: 70")
+        assert self.planned(edited)["run_icp"] > 3
 
-    def test_editing_the_engine_registers_again(self, finished):
-        finished.change("icpshap/se3.py", "T[..., :3, :3] ", "T[..., 0:3, :3] ")
-        assert self.planned(finished)["run_icp"] > 3
+    def test_editing_the_engine_registers_again(self, edited):
+        change(edited.code / "icpshap/se3.py", "result[..., 3, 3] = 1.0", "result[..., 3, 3] = 2.0")
+        assert self.planned(edited)["run_icp"] > 3
 
-    def test_editing_a_comment_does_not(self, finished):
-        finished.change("icpshap/se3.py", '"""Adjoint', '"""The adjoint')
-        assert "run_icp" not in self.planned(finished)
+    def test_editing_a_figure_plans_figures_alone(self, edited):
+        change(edited.code / "icpshap/figures/style.py", "import ", "import json  # noqa\nimport ")
+        planned = self.planned(edited)
+        assert planned["draw_figure"] > 3
+        assert not {"run_icp", "explain_sequence", "measure_overlap"} & set(planned)
+
+    def test_editing_a_comment_does_not(self, edited):
+        change(edited.code / "icpshap/se3.py", '"""Adjoint', '"""The adjoint')
+        assert "run_icp" not in self.planned(edited)
 
 
-def test_a_dry_run_needs_no_data_and_no_network(checkout):
-    planned = checkout.planned()
+def test_a_dry_run_needs_no_data_and_no_network(project):
+    planned = project.planned()
     sequences = yaml.safe_load((REPOSITORY / "config.yaml").read_text())["sequences"]
     pairs = 267
     assert planned["measure_overlap"] == pairs
@@ -208,11 +161,11 @@ class TestBadInput:
     """One clear message, before any registration."""
 
     @pytest.fixture
-    def own(self, checkout):
-        """A checkout with a folder of own scans."""
+    def own(self, project):
+        """A project with a folder of own scans."""
         import numpy as np
 
-        folder = checkout.folder / "scans"
+        folder = project.folder / "scans"
         folder.mkdir()
         generator = np.random.default_rng(0)
         for index in range(2):
@@ -226,17 +179,17 @@ class TestBadInput:
         config["experiments"]["tiny_fixed"]["figures"] = []
         del config["experiments"]["tiny_grid"]
         config |= {"sequences": ["own"], "run": ["tiny_fixed"]}
-        (checkout.folder / "tiny.yaml").write_text(yaml.safe_dump(config))
-        return checkout
+        (project.folder / "tiny.yaml").write_text(yaml.safe_dump(config))
+        return project
 
-    def fails(self, checkout, *arguments):
-        said = checkout.tiny(*arguments, fails=True)
+    def fails(self, project, *arguments):
+        said = project.tiny(*arguments, fails=True)
         assert "Traceback" not in said
-        assert not list(checkout.folder.glob("results/**/runs"))
+        assert not list(project.folder.glob("results/**/runs"))
         return said
 
-    def test_unknown_sequence(self, checkout):
-        said = self.fails(checkout, "--config", "sequences=[tiny_stair]")
+    def test_unknown_sequence(self, project):
+        said = self.fails(project, "--config", "sequences=[tiny_stair]")
         assert "unknown name 'tiny_stair', did you mean 'tiny_stairs'?" in said
 
     def test_nan_rows(self, own):
@@ -274,11 +227,11 @@ class TestBadInput:
         path = own.folder / "scans" / "poses.txt"
         first, _ = path.read_text().splitlines()
         path.write_text(first + "\n" + first.replace("1 0 0 0 ", "1 0 0 2.5 ", 1) + "\n")
-        own.change("tiny.yaml", "partial_overlap: 0.05", "partial_overlap: 0.9")
+        change(own.folder / "tiny.yaml", "partial_overlap: 0.05", "partial_overlap: 0.9")
         assert "is larger than their overlap ratio" in self.fails(own)
 
 
-def test_real_pair(checkout, real_data):
+def test_real_pair(project, real_data):
     """First run on real input: sensor noise decides, as in the paper."""
     config = yaml.safe_load(TINY.read_text())
     config["data"] = {
@@ -293,8 +246,8 @@ def test_real_pair(checkout, real_data):
         }
     }
     config |= {"sequences": ["pair"], "run": ["real"]}
-    (checkout.folder / "tiny.yaml").write_text(yaml.safe_dump(config))
-    checkout.tiny()
-    shap = pd.read_parquet(checkout.folder / "results" / "real" / "shap.parquet").iloc[0]
+    (project.folder / "tiny.yaml").write_text(yaml.safe_dump(config))
+    project.tiny()
+    shap = pd.read_parquet(project.folder / "results" / "real" / "shap.parquet").iloc[0]
     others = [abs(shap["phi_initial_pose"]), abs(shap["phi_partial_overlap"])]
     assert shap["phi_sensor_noise"] > 5 * max(others)

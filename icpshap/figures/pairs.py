@@ -2,7 +2,6 @@
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.ticker import FixedLocator, StrMethodFormatter
 
 from icpshap import captions, shapley
 from icpshap.figures.style import (
@@ -14,6 +13,7 @@ from icpshap.figures.style import (
     PAGE,
     mark_noise_floor,
     say_nothing,
+    symmetric_logarithmic,
     value_label,
 )
 from icpshap.sources import NAMES, SOURCES
@@ -31,7 +31,7 @@ def pairs(table, study):
     figure = _strips(table, [*panels, ("f", f"f [{study.unit}]", INK)], study)
     if len(captions.valued(table)):
         axes = figure.axes[-1]
-        mark_noise_floor(axes.axhspan, axes.axhline, table.null_95.mean(), np.nan)
+        mark_noise_floor(axes.axhspan, table.null_95.mean())
         x = _positions(table)
         axes.plot(x, table.f_again, "_", color=AGAIN, markersize=4, label="A/A value")
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower right", ncols=3)
@@ -84,7 +84,9 @@ def _strips(table, columns, study):
                 label="no value",
             )
         axes.axhline(0, color=MUTED, linewidth=0.5, zorder=-1)
-        _symmetric_logarithmic(axes)
+        symmetric_logarithmic(axes, "y")
+        low, high = axes.get_ylim()
+        axes.set_ylim(min(low, -0.3), max(high, 1.2))
         axes.set_ylabel(label.replace(" [", "\n["))
     if few:
         labels = [study.pair(row) for row in table.itertuples()]
@@ -113,16 +115,6 @@ def _estimates(axes, x, table, name, colour):
             markeredgecolor=colour,
             markeredgewidth=0.6,
         )
-
-
-def _symmetric_logarithmic(axes):
-    """Linear up to 1, logarithmic beyond: values near 0 and a few very large ones on one axis."""
-    axes.set_yscale("symlog", linthresh=1)
-    low, high = axes.get_ylim()
-    axes.set_ylim(min(low, -0.3), max(high, 1.2))
-    powers = 10.0 ** np.arange(7)
-    axes.yaxis.set_major_locator(FixedLocator([*-powers[::-1], 0, *powers]))
-    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
 
 
 def _interaction_maps(kept, study):

@@ -14,6 +14,7 @@ from icpshap.figures.style import (
     MUTED,
     mark_noise_floor,
     say_nothing,
+    tame,
     value_label,
 )
 from icpshap.sources import NAMES, SOURCES
@@ -60,6 +61,7 @@ def summary(table, study):
     axes.tick_params(axis="y", length=0)
     axes.set_ylim(-0.6, len(labels) - 0.4)
     axes.set_xlabel(f"Shapley value φ [{study.unit}]", fontsize=7)
+    tame(axes, "x", kept[[f"phi_{name}" for name in NAMES]].to_numpy())
     return figure
 
 
@@ -109,7 +111,7 @@ def waterfall(table, study):
         axes.text(
             1.02,
             position,
-            f"{phi:+.2f}\n[{low:.2f}, {high:.2f}]",
+            f"{'+' if phi >= 0 else ''}{captions.number(phi)}\n{captions.interval(low, high)}",
             transform=axes.get_yaxis_transform(),
             va="center",
             fontsize=6.5,
@@ -123,8 +125,16 @@ def waterfall(table, study):
     axes.spines["left"].set_visible(False)
     axes.set_ylim(-0.6, len(labels) - 0.4)
     axes.set_xlabel(f"f, {captions.reading(study)}")
-    axes.set_title(f"f = {row.f:.2f} [{row.f_low:.2f}, {row.f_high:.2f}]", loc="right", pad=3)
-    mark_noise_floor(axes.axvspan, axes.axvline, row.null_95, row.f_again)
+    title = f"f = {captions.number(row.f)} {captions.interval(row.f_low, row.f_high)}"
+    axes.set_title(title, loc="right", pad=3)
+    axes.locator_params(axis="x", nbins=5)
+    low, high = axes.get_xlim()
+    mark_noise_floor(axes.axvspan, row.null_95)
+    if np.isfinite(row.f_again):
+        label = f"A/A value, {captions.number(row.f_again)}"
+        label += "" if low <= row.f_again <= high else " (off the axis)"
+        axes.axvline(row.f_again, color=INK, linewidth=0.8, linestyle=":", label=label)
+        axes.set_xlim(low, high)
     if axes.get_legend_handles_labels()[0]:
         figure.legend(loc="outside lower left", ncols=2)
     return figure
@@ -144,9 +154,9 @@ def dependence(table, study, source, other):
     phi = f"phi_{source.name}"
     level, of_other = kept[source.name].to_numpy(), kept[other.name].to_numpy()
     levels = np.unique(level)
-    gap = np.diff(levels).min() if len(levels) > 1 else 1.0
-    span = np.ptp(of_other) or 1.0
-    x = level + 0.6 * gap * ((of_other - of_other.min()) / span - 0.5)
+    gap = np.diff(levels).min() if len(levels) > 1 else 0.0
+    middle, span = (of_other.min() + of_other.max()) / 2, np.ptp(of_other) or 1.0
+    x = level + 0.6 * gap * (of_other - middle) / span
 
     groups = kept.groupby(source.name)
     quantiles = groups[phi].quantile([0.05, 0.5, 0.95]).unstack()
@@ -171,6 +181,7 @@ def dependence(table, study, source, other):
     axes.axhline(0, color=MUTED, linewidth=0.5, zorder=-1)
     axes.set_xlabel(source.label)
     axes.set_ylabel(value_label(source, study.unit))
+    tame(axes, "y", kept[phi].to_numpy())
     bar = figure.colorbar(plt.cm.ScalarMappable(colours, LEVELS), ax=axes, aspect=30, pad=0.02)
     bar.set_label(other.label)
     bar.outline.set_visible(False)

@@ -5,6 +5,9 @@ from contextlib import contextmanager
 import matplotlib
 import numpy as np
 from matplotlib.colors import ListedColormap
+from matplotlib.ticker import FixedLocator, FuncFormatter
+
+from icpshap import captions
 
 # Widths of one and of two columns of a two-column paper [inch]; fonts are readable at these.
 COLUMN, PAGE = 3.5, 7.16
@@ -71,9 +74,31 @@ def say_nothing(figure, message):
     return figure
 
 
-def mark_noise_floor(span, line, null_95, f_again):
-    """Mark, with an axis' `span` and `line` functions, what f is by chance alone."""
+def mark_noise_floor(span, null_95):
+    """Mark, with an axis' `span` function, what f is by chance alone."""
     if np.isfinite(null_95):
         span(0, null_95, color=FAINT, zorder=-2, linewidth=0, label="noise floor of f (95 %)")
-    if np.isfinite(f_again):
-        line(f_again, color=INK, linewidth=0.8, linestyle=":", label="A/A value")
+
+
+def symmetric_logarithmic(axes, direction):
+    """Make the x or y axis linear up to 1 and logarithmic beyond, for small and huge values."""
+    {"x": axes.set_xscale, "y": axes.set_yscale}[direction]("symlog", linthresh=1)
+    axes.autoscale(axis=direction)
+    largest = np.abs({"x": axes.get_xlim, "y": axes.get_ylim}[direction]()).max()
+    step = 1 if largest < 1e4 else 2
+    powers = 10.0 ** np.arange(0, 20, step)
+    axis = {"x": axes.xaxis, "y": axes.yaxis}[direction]
+    axis.set_major_locator(FixedLocator([*-powers[::-1], 0, *powers]))
+    axis.set_major_formatter(FuncFormatter(_power_of_ten))
+
+
+def _power_of_ten(value, _):
+    if abs(value) <= 100:
+        return f"{value:g}".replace("-", "−")
+    return f"${'-' * int(value < 0)}10^{{{np.log10(abs(value)):.0f}}}$"
+
+
+def tame(axes, direction, values):
+    """Leave an axis linear unless values are so large that the others would vanish."""
+    if captions.is_huge(values):
+        symmetric_logarithmic(axes, direction)

@@ -78,82 +78,82 @@ def make_band(room):
 
 
 @jit(fastmath={"reassoc"})
-def _add_products(features, count, gram):
+def _add_products(features, count, gram, run):
     """Add the products of the first `count` columns of `features` to the upper triangle."""
     for u in range(FEATURES):
         for v in range(u, FEATURES):
             total = 0.0
             for k in range(count):
                 total += features[u, k] * features[v, k]
-            gram[u, v] += total
+            gram[run, u, v] += total
 
 
 @jit
 def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, work, band, sums):
     """Match the active runs at poses T (R, 4, 4); sum the links below each run's band."""
-    positions, points = batch.positions, batch.points
-    found = np.empty(work.x.shape[0] * matches, np.int32)
-    distance = np.empty(work.x.shape[0] * matches)
+    # Named once: taking an array out of a tuple, or a slice of one, costs more than a link.
+    points, positions, block_start = batch.points, batch.positions, batch.block_start
+    qx, qy, qz = work.x, work.y, work.z
+    gram, kept, links = sums.gram, sums.kept, sums.links
+    in_band, room = band.count, band.start
+    band_distance, band_found, band_position = band.distance, band.found, band.position
+    band_lower, band_upper = band.lower, band.upper
+    found = np.empty(qx.shape[0] * matches, np.int32)
+    distance = np.empty(qx.shape[0] * matches)
     stack = np.empty(kdtree.STACK, np.int32)
     features = np.empty((FEATURES, BLOCK * matches))
     chosen_link = np.empty(BLOCK * matches + 1, np.int32)
     chosen_query = np.empty(BLOCK * matches + 1, np.int32)
     for run in active:
-        sums.gram[run] = 0.0
-        sums.kept[run] = 0
-        sums.links[run] = 0
-        band.count[run] = 0
-    for block in range(batch.block_start.shape[1] - 1):
+        gram[run] = 0.0
+        kept[run] = 0
+        links[run] = 0
+        in_band[run] = 0
+    for block in range(block_start.shape[1] - 1):
         count = 0
         for run in active:
             r00, r01, r02, tx = T[run, 0, 0], T[run, 0, 1], T[run, 0, 2], T[run, 0, 3]
             r10, r11, r12, ty = T[run, 1, 0], T[run, 1, 1], T[run, 1, 2], T[run, 1, 3]
             r20, r21, r22, tz = T[run, 2, 0], T[run, 2, 1], T[run, 2, 2], T[run, 2, 3]
-            for k in range(batch.block_start[run, block], batch.block_start[run, block + 1]):
+            for k in range(block_start[run, block], block_start[run, block + 1]):
                 p = positions[k]
                 x, y, z = points[p, 0], points[p, 1], points[p, 2]
-                work.x[count] = r00 * x + r01 * y + r02 * z + tx
-                work.y[count] = r10 * x + r11 * y + r12 * z + ty
-                work.z[count] = r20 * x + r21 * y + r22 * z + tz
+                qx[count] = r00 * x + r01 * y + r02 * z + tx
+                qy[count] = r10 * x + r11 * y + r12 * z + ty
+                qz[count] = r20 * x + r21 * y + r22 * z + tz
                 count += 1
         if count == 0:
             continue
         match(tree, lists, matches, limit, count, work, found, distance, stack)
         query = 0
         for run in active:
-            lower, upper = band.lower[run], band.upper[run]
-            room = band.start[run + 1] - band.start[run]
-            kept = 0
-            links = 0
-            for k in range(batch.block_start[run, block], batch.block_start[run, block + 1]):
+            lower, upper = band_lower[run], band_upper[run]
+            chosen = 0
+            made = 0
+            entry = room[run] + in_band[run]
+            for k in range(block_start[run, block], block_start[run, block + 1]):
                 for link in range(query * matches, (query + 1) * matches):
                     d2 = distance[link]
-                    chosen_link[kept] = link
-                    chosen_query[kept] = query
-                    kept += d2 < lower
-                    links += d2 < np.inf
+                    chosen_link[chosen] = link
+                    chosen_query[chosen] = query
+                    chosen += d2 < lower
+                    made += d2 < np.inf
                     if lower <= d2 < upper:
-                        if band.count[run] < room:
-                            entry = band.start[run] + band.count[run]
-                            band.distance[entry] = d2
-                            band.found[entry] = found[link]
-                            band.position[entry] = positions[k]
-                        band.count[run] += 1
+                        if entry < room[run + 1]:
+                            band_distance[entry] = d2
+                            band_found[entry] = found[link]
+                            band_position[entry] = positions[k]
+                        entry += 1
                 query += 1
-            for k in range(kept):
+            in_band[run] = entry - room[run]
+            for k in range(chosen):
                 q = chosen_query[k]
                 write_features(
-                    metric,
-                    work.x[q],
-                    work.y[q],
-                    work.z[q],
-                    surface[found[chosen_link[k]]],
-                    features,
-                    k,
+                    metric, qx[q], qy[q], qz[q], surface, found[chosen_link[k]], features, k
                 )
-            _add_products(features, kept, sums.gram[run])
-            sums.kept[run] += kept
-            sums.links[run] += links
+            _add_products(features, chosen, gram, run)
+            kept[run] += chosen
+            links[run] += made
 
 
 @jit
@@ -164,38 +164,42 @@ def settle(surface, batch, T, active, metric, rank, band, sums, threshold):
     threshold: (R,) [m^2], set; NaN where the band does not contain it.
     """
     features = np.empty((FEATURES, BLOCK))
-    values = np.empty(band.distance.shape[0])
+    gram, kept, links = sums.gram, sums.kept, sums.links
+    points, distance, found, position = batch.points, band.distance, band.found, band.position
+    values = np.empty(distance.shape[0])
     for run in active:
         first, count = band.start[run], band.count[run]
-        wanted = rank[run] - sums.kept[run]
+        wanted = rank[run] - kept[run]
         if count > band.start[run + 1] - first:
             threshold[run] = np.nan
             continue
-        if rank[run] >= sums.links[run]:
+        if rank[run] >= links[run]:
             threshold[run] = np.inf
         elif 0 <= wanted < count:
-            values[:count] = band.distance[first : first + count]
+            for k in range(count):
+                values[k] = distance[first + k]
             threshold[run] = select(values, count, wanted)
         else:
             threshold[run] = np.nan
             continue
         column = 0
         for entry in range(first, first + count):
-            if band.distance[entry] <= threshold[run]:
-                p = batch.points[band.position[entry]]
-                x = T[run, 0, 0] * p[0] + T[run, 0, 1] * p[1] + T[run, 0, 2] * p[2] + T[run, 0, 3]
-                y = T[run, 1, 0] * p[0] + T[run, 1, 1] * p[1] + T[run, 1, 2] * p[2] + T[run, 1, 3]
-                z = T[run, 2, 0] * p[0] + T[run, 2, 1] * p[1] + T[run, 2, 2] * p[2] + T[run, 2, 3]
-                write_features(metric, x, y, z, surface[band.found[entry]], features, column)
+            if distance[entry] <= threshold[run]:
+                p = position[entry]
+                px, py, pz = points[p, 0], points[p, 1], points[p, 2]
+                x = T[run, 0, 0] * px + T[run, 0, 1] * py + T[run, 0, 2] * pz + T[run, 0, 3]
+                y = T[run, 1, 0] * px + T[run, 1, 1] * py + T[run, 1, 2] * pz + T[run, 1, 3]
+                z = T[run, 2, 0] * px + T[run, 2, 1] * py + T[run, 2, 2] * pz + T[run, 2, 3]
+                write_features(metric, x, y, z, surface, found[entry], features, column)
                 column += 1
-                sums.kept[run] += 1
+                kept[run] += 1
                 if column == BLOCK:
-                    _add_products(features, column, sums.gram[run])
+                    _add_products(features, column, gram, run)
                     column = 0
-        _add_products(features, column, sums.gram[run])
+        _add_products(features, column, gram, run)
         for u in range(FEATURES):
             for v in range(u):
-                sums.gram[run, u, v] = sums.gram[run, v, u]
+                gram[run, u, v] = gram[run, v, u]
 
 
 class KeptLinks:

@@ -24,11 +24,11 @@ from icpshap.icp import kdtree
 from icpshap.icp.compiled import jit
 
 UNFILLED = -1
-SIDE = 1.5  # of the finest cubes, in median distances to the sixth neighbour
+SIDE = 24.0  # of the coarsest cubes, in median distances to the sixth neighbour
 COARSEST_CUBES = 2**22  # at most about this many; larger cubes where space is mostly empty
-LEVELS = 3  # cubes of 16, 4 and 1 times the finest side
+LEVELS = 5  # sizes of cubes
 SHORT = 24  # a list this short is never split
-WORTH_SPLITTING = 4096  # candidates scanned in a cube before it is split
+WORTH_SPLITTING = 16384  # candidates scanned in a cube before it is split
 PACKED = 255  # longest list whose positions fit beside a squared distance (see matching)
 DOMINATORS = 8  # points beyond the k nearest to the centre that are tried as the nearer point
 HEADER = 3  # integers before the points of a list record: length, candidates scanned, group
@@ -39,7 +39,7 @@ class Lists(NamedTuple):
 
     origin: np.ndarray  # (3,) lower corner of the cubed box [m]
     shape: np.ndarray  # (3,) int64 number of coarsest cubes along each axis
-    side: np.ndarray  # (1,) side of the finest cubes [m]
+    side: np.ndarray  # (1,) side of the coarsest cubes [m]
     cells: np.ndarray  # int32: coarsest cubes, then 64 children each; UNFILLED, first child or list
     parent: np.ndarray  # int32: list of the cube that each 64 children divide
     records: np.ndarray  # int32: the lists, HEADER and positions in tree order
@@ -56,8 +56,8 @@ def empty_lists(tree):
     spacing = np.median(kdtree.neighbour_distances(tree, min(7, n), 1000))
     margin = 0.1 * size + 1e-3
     extent = high - low + 2 * margin
-    side = max(SIDE * spacing, np.cbrt(np.prod(extent) / COARSEST_CUBES) / 16)
-    shape = np.ceil(extent / (16 * side)).astype(np.int64)
+    side = max(SIDE * spacing, np.cbrt(np.prod(extent) / COARSEST_CUBES))
+    shape = np.ceil(extent / side).astype(np.int64)
     coarsest = int(np.prod(shape))
     cells = np.full(coarsest + 64 * (1000 + 4 * n), UNFILLED, dtype=np.int32)
     return Lists(
@@ -127,7 +127,7 @@ def _fill(tree, lists, matches, cx, cy, cz, half, candidates, best, best_distanc
 
 @jit
 def _fill_coarsest(tree, lists, matches, cx, cy, cz, half, best, best_distance, stack):
-    kdtree.nearest(tree, cx, cy, cz, matches, np.inf, best, best_distance, stack)
+    kdtree.nearest(tree, cx, cy, cz, matches, np.inf, best, best_distance, 0, stack)
     radius = (math.sqrt(best_distance[matches - 1]) + 4.0 * half) * (1.0 + 1e-6)
     count = kdtree.within(tree, cx, cy, cz, radius, lists.scratch, stack)
     return _fill(tree, lists, matches, cx, cy, cz, half, lists.scratch[:count], best, best_distance)
@@ -137,10 +137,10 @@ def _fill_coarsest(tree, lists, matches, cx, cy, cz, half, best, best_distance, 
 def locate(tree, lists, matches, x, y, z, count, where):
     """where[i] = record of the list to search for query i; -1 if only the tree can answer."""
     origin, cells, records, used = lists.origin, lists.cells, lists.records, lists.used
-    side = lists.side[0]
     shape = lists.shape
-    per_metre = 1.0 / side
     last = LEVELS - 1
+    side = lists.side[0] / (1 << 2 * last)  # of the finest cubes
+    per_metre = 1.0 / side
     coarsest = shape[0] * shape[1] * shape[2]
     best = np.empty(matches + DOMINATORS, np.int32)
     best_distance = np.empty(matches + DOMINATORS)
@@ -150,14 +150,16 @@ def locate(tree, lists, matches, x, y, z, count, where):
         fy = (y[i] - origin[1]) * per_metre
         fz = (z[i] - origin[2]) * per_metre
         inside = fx >= 0.0 and fy >= 0.0 and fz >= 0.0
-        inside = inside and fx < 16 * shape[0] and fy < 16 * shape[1] and fz < 16 * shape[2]
+        inside = inside and fx < shape[0] << 2 * last and fy < shape[1] << 2 * last
+        inside = inside and fz < shape[2] << 2 * last
         if not inside:
             where[i] = -1
             continue
         ix, iy, iz = np.int64(fx), np.int64(fy), np.int64(fz)
         level = last
-        cell = ((iz >> 4) * shape[1] + (iy >> 4)) * shape[0] + (ix >> 4)
-        record = np.int64(-1)
+        shift = 2 * last
+        cell = ((iz >> shift) * shape[1] + (iy >> shift)) * shape[0] + (ix >> shift)
+        record = children = np.int64(-1)
         while True:
             entry = np.int64(cells[cell])
             if entry == UNFILLED:
@@ -173,6 +175,7 @@ def locate(tree, lists, matches, x, y, z, count, where):
                         tree, lists, matches, cx, cy, cz, 0.5 * width, best, best_distance, stack
                     )
                 else:
+                    record = np.int64(lists.parent[(children - coarsest) >> 6])
                     if used[1] + HEADER + records[record] > records.shape[0]:
                         break
                     inherited = records[record + HEADER : record + HEADER + records[record]]
@@ -204,12 +207,11 @@ def locate(tree, lists, matches, x, y, z, count, where):
                 used[0] += 64
                 lists.parent[(entry - coarsest) >> 6] = record
                 cells[cell] = entry
-            else:
-                record = np.int64(lists.parent[(entry - coarsest) >> 6])
+            children = entry
             level -= 1
             shift = 2 * level
             child = (((iz >> shift) & 3) * 4 + ((iy >> shift) & 3)) * 4 + ((ix >> shift) & 3)
-            cell = entry + child
+            cell = children + child
         where[i] = record
 
 

@@ -1,11 +1,13 @@
 """How the engine is compiled.
 
-Every loop over points is a numba function with these options. They are compiled on first use and
-kept in NUMBA_CACHE_DIR, so only the first job on a machine compiles. Every sum has one order that
-depends on its own run alone, so the same input gives the same bytes.
+Every loop over points is a numba function with these options, compiled on first use and kept in
+NUMBA_CACHE_DIR, so only the first job on a machine compiles. numba looks for changes only in the
+file of the function it is asked for, not in those it calls; so the cache has a folder for each
+state of this package's files.
 """
 
 import functools
+import hashlib
 import logging
 from pathlib import Path
 
@@ -16,6 +18,18 @@ from numba.extending import intrinsic
 jit = functools.partial(numba.njit, cache=True, error_model="numpy")
 
 log = logging.getLogger(__name__)
+
+
+def _cache_directory():
+    package = Path(__file__).parent
+    digest = hashlib.sha256()
+    for source in sorted(package.glob("*.py")):
+        digest.update(source.read_bytes())
+    base = numba.config.CACHE_DIR or package / "__pycache__"
+    return str(Path(base) / f"icp-{digest.hexdigest()[:16]}")
+
+
+numba.config.CACHE_DIR = _cache_directory()
 
 
 @intrinsic
@@ -31,8 +45,6 @@ def bits(typing_context, value):
 @functools.cache
 def announce_compilation(kernel):
     """Log once that `kernel` is about to be compiled, unless the cache holds it already."""
-    source = Path(kernel.py_func.__code__.co_filename)
-    pattern = f"{source.stem}.{kernel.py_func.__name__}-*.nbi"
-    cached = Path(kernel.stats.cache_path).glob(pattern)
-    if not any(index.stat().st_mtime >= source.stat().st_mtime for index in cached):
+    pattern = f"*.{kernel.py_func.__name__}-*.nbi"
+    if not any(Path(kernel.stats.cache_path).glob(pattern)):
         log.info("Compiling the ICP engine, once on this machine (about half a minute).")

@@ -106,12 +106,17 @@ def box_distance(box, node, x, y, z):
 
 
 @jit
-def insert(found, distance, count, candidate, d2, index):
-    """Insert a candidate into the `count` best, sorted by squared distance, then by index."""
-    t = count - 1
+def _follows(candidate, other, index):
+    return other >= 0 and index[candidate] > index[other]
+
+
+@jit
+def insert(found, distance, first, count, candidate, d2, index):
+    """Insert a candidate into the `count` best from entry `first` on, by (distance, index)."""
+    t = first + count - 1
     if d2 > distance[t] or (d2 == distance[t] and _follows(candidate, found[t], index)):
         return
-    while t > 0 and (
+    while t > first and (
         d2 < distance[t - 1]
         or (d2 == distance[t - 1] and not _follows(candidate, found[t - 1], index))
     ):
@@ -123,19 +128,17 @@ def insert(found, distance, count, candidate, d2, index):
 
 
 @jit
-def _follows(candidate, other, index):
-    return other >= 0 and index[candidate] > index[other]
-
-
-@jit
-def nearest(tree, x, y, z, count, bound, found, distance, stack):
+def nearest(tree, x, y, z, count, bound, found, distance, first, stack):
     """The `count` nearest points: positions in tree order to `found`, squared distances [m^2].
 
-    `bound` is an upper bound of the last squared distance (np.inf if unknown). If fewer points lie
-    within it, the remaining entries are -1 and `bound`. `stack` is an int32 work array.
+    They are written from entry `first` on. `bound` is an upper bound of the last squared distance
+    (np.inf if unknown). If fewer points lie within it, the remaining entries are -1 and `bound`.
+    `stack` is an int32 work array.
     """
-    leaves = tree.leaf_start.shape[0] - 1
-    for t in range(count):
+    points, index, box, leaf_start = tree.points, tree.index, tree.box, tree.leaf_start
+    leaves = leaf_start.shape[0] - 1
+    last = first + count - 1
+    for t in range(first, last + 1):
         found[t] = -1
         distance[t] = bound
     stack[0] = 1
@@ -143,30 +146,28 @@ def nearest(tree, x, y, z, count, bound, found, distance, stack):
     while depth > 0:
         depth -= 1
         node = stack[depth]
-        if box_distance(tree.box, node, x, y, z) > distance[count - 1]:
+        if box_distance(box, node, x, y, z) > distance[last]:
             continue
         while node < leaves:
             node *= 2
-            left = box_distance(tree.box, node, x, y, z)
-            right = box_distance(tree.box, node + 1, x, y, z)
+            left = box_distance(box, node, x, y, z)
+            right = box_distance(box, node + 1, x, y, z)
             stack[depth] = node + 1 if left <= right else node
             depth += 1
             if left > right:
                 node += 1
-        leaf = node - leaves
-        for k in range(tree.leaf_start[leaf], tree.leaf_start[leaf + 1]):
-            dx = tree.points[k, 0] - x
-            dy = tree.points[k, 1] - y
-            dz = tree.points[k, 2] - z
+        for k in range(leaf_start[node - leaves], leaf_start[node - leaves + 1]):
+            dx, dy, dz = points[k, 0] - x, points[k, 1] - y, points[k, 2] - z
             d2 = dx * dx + dy * dy + dz * dz
-            if d2 <= distance[count - 1]:
-                insert(found, distance, count, k, d2, tree.index)
+            if d2 <= distance[last]:
+                insert(found, distance, first, count, k, d2, index)
 
 
 @jit
 def within(tree, x, y, z, radius, found, stack):
     """Positions (tree order) of all points within radius [m] to `found`; returns their number."""
-    leaves = tree.leaf_start.shape[0] - 1
+    points, box, leaf_start = tree.points, tree.box, tree.leaf_start
+    leaves = leaf_start.shape[0] - 1
     limit = radius * radius
     count = 0
     stack[0] = 1
@@ -174,18 +175,15 @@ def within(tree, x, y, z, radius, found, stack):
     while depth > 0:
         depth -= 1
         node = stack[depth]
-        if box_distance(tree.box, node, x, y, z) > limit:
+        if box_distance(box, node, x, y, z) > limit:
             continue
         if node < leaves:
             stack[depth] = 2 * node
             stack[depth + 1] = 2 * node + 1
             depth += 2
             continue
-        leaf = node - leaves
-        for k in range(tree.leaf_start[leaf], tree.leaf_start[leaf + 1]):
-            dx = tree.points[k, 0] - x
-            dy = tree.points[k, 1] - y
-            dz = tree.points[k, 2] - z
+        for k in range(leaf_start[node - leaves], leaf_start[node - leaves + 1]):
+            dx, dy, dz = points[k, 0] - x, points[k, 1] - y, points[k, 2] - z
             if dx * dx + dy * dy + dz * dz <= limit:
                 found[count] = k
                 count += 1
@@ -203,6 +201,6 @@ def neighbour_distances(tree, count, samples):
     result = np.empty((n + step - 1) // step)
     for i in range(result.shape[0]):
         x, y, z = tree.points[i * step, 0], tree.points[i * step, 1], tree.points[i * step, 2]
-        nearest(tree, x, y, z, count, np.inf, found, distance, stack)
+        nearest(tree, x, y, z, count, np.inf, found, distance, 0, stack)
         result[i] = np.sqrt(distance[count - 1])
     return result

@@ -24,6 +24,7 @@ from icpshap.icp.candidates import HEADER, PACKED, locate
 from icpshap.icp.compiled import bits, jit
 
 LANES = 64
+FEW = 3  # queries of one list that are faster one by one, vector lanes over the candidates
 LARGEST = np.int64(0x7FFFFFFFFFFFFFFF)
 PLACE = np.int64(PACKED)
 
@@ -40,22 +41,30 @@ class Work(NamedTuple):
     group_end: np.ndarray  # (n,) int32 end of each group in `order`
     lane: np.ndarray  # (3 LANES,) coordinates of the queries that share a list
     key: np.ndarray  # (6 LANES,) int64 smallest keys, one row of LANES for each rank
+    squared: np.ndarray  # (PACKED,) squared distances of one query's candidates
 
 
 def work_arrays(queries):
     """Work for blocks of up to that many queries."""
     coordinates = [np.empty(queries) for _ in range(3)]
     integers = [np.empty(queries, dtype=np.int32) for _ in range(4)]
-    return Work(*coordinates, *integers, np.zeros(3 * LANES), np.zeros(6 * LANES, dtype=np.int64))
+    lane, key = np.zeros(3 * LANES), np.zeros(6 * LANES, dtype=np.int64)
+    return Work(*coordinates, *integers, lane, key, np.empty(PACKED))
 
 
 @jit
-def _smallest_keys(points, candidates, lane, key, lanes, matches):
-    """The smallest keys of every lane, ascending: at least matches + 1 rows of `key`."""
+def _squared_distance(points, q, x, y, z):
+    dx, dy, dz = points[q, 0] - x, points[q, 1] - y, points[q, 2] - z
+    return dx * dx + dy * dy + dz * dz
+
+
+@jit
+def _keys_of_many(points, records, first, count, lane, key, lanes, matches):
+    """Smallest keys of queries that share a list: rows of `key`, ascending, matches + 1 or more."""
     for j in range((2 if matches == 1 else 4 if matches <= 3 else 6) * LANES):
         key[j] = LARGEST
-    for k in range(candidates.shape[0]):
-        q = candidates[k]
+    for k in range(count):
+        q = records[first + k]
         qx, qy, qz = points[q, 0], points[q, 1], points[q, 2]
         if matches == 1:
             for j in range(lanes):
@@ -93,84 +102,48 @@ def _smallest_keys(points, candidates, lane, key, lanes, matches):
 
 
 @jit
-def _scan(tree, candidates, x, y, z, matches, found, distance):
-    """The k nearest candidates by full distances, lowest index on ties."""
-    for t in range(matches):
+def _keys_of_one(points, records, first, count, x, y, z, squared, key):
+    """Smallest keys of one query, into the first lane."""
+    for k in range(count):
+        squared[k] = _squared_distance(points, records[first + k], x, y, z)
+    a = b = c = d = e = f = LARGEST
+    for k in range(count):
+        v = (bits(squared[k]) & ~PLACE) | k
+        w = max(a, v)
+        a = min(a, v)
+        v = max(b, w)
+        b = min(b, w)
+        w = max(c, v)
+        c = min(c, v)
+        v = max(d, w)
+        d = min(d, w)
+        w = max(e, v)
+        e = min(e, v)
+        f = min(f, w)
+    key[0], key[LANES], key[2 * LANES] = a, b, c
+    key[3 * LANES], key[4 * LANES], key[5 * LANES] = d, e, f
+
+
+@jit
+def _scan(points, index, records, first, count, x, y, z, matches, found, distance, link):
+    """The k nearest of a list by full distances, lowest index on ties, from entry `link` on."""
+    for t in range(link, link + matches):
         found[t] = -1
         distance[t] = np.inf
-    for k in range(candidates.shape[0]):
-        q = candidates[k]
-        dx, dy, dz = tree.points[q, 0] - x, tree.points[q, 1] - y, tree.points[q, 2] - z
-        d2 = dx * dx + dy * dy + dz * dz
-        if d2 <= distance[matches - 1]:
-            kdtree.insert(found, distance, matches, q, d2, tree.index)
+    for k in range(count):
+        q = records[first + k]
+        d2 = _squared_distance(points, q, x, y, z)
+        if d2 <= distance[link + matches - 1]:
+            kdtree.insert(found, distance, link, matches, q, d2, index)
 
 
 @jit
-def _match_group(tree, candidates, queries, work, matches, found, distance):
-    """Match the queries that share one list."""
-    points, lane, key = tree.points, work.lane, work.key
-    for first in range(0, queries.shape[0], LANES):
-        lanes = min(LANES, queries.shape[0] - first)
-        padded = (lanes + 7) & ~7
-        for j in range(padded):
-            i = queries[first + min(j, lanes - 1)]
-            lane[j] = work.x[i]
-            lane[LANES + j] = work.y[i]
-            lane[2 * LANES + j] = work.z[i]
-        _smallest_keys(points, candidates, lane, key, padded, matches)
-        for j in range(lanes):
-            i = queries[first + j]
-            x, y, z = lane[j], lane[LANES + j], lane[2 * LANES + j]
-            tied = False
-            for t in range(matches):
-                this = key[t * LANES + j]
-                tied |= (this ^ key[(t + 1) * LANES + j]) <= PLACE
-                q = candidates[this & PLACE]
-                dx, dy, dz = points[q, 0] - x, points[q, 1] - y, points[q, 2] - z
-                found[i * matches + t] = q
-                distance[i * matches + t] = dx * dx + dy * dy + dz * dz
-            if tied:
-                link = i * matches
-                _scan(
-                    tree,
-                    candidates,
-                    x,
-                    y,
-                    z,
-                    matches,
-                    found[link : link + matches],
-                    distance[link : link + matches],
-                )
-
-
-@jit
-def match(tree, lists, matches, limit, count, work, found, distance, stack):
-    """The k nearest reference points of the first `count` queries of `work`.
-
-    found, distance: (count * matches,) position in tree order, squared distance [m^2]; ascending.
-    A link longer than the square root of `limit` is -1, infinity.
-    """
-    where, order = work.where, work.order
-    group_list, group_end = work.group_list, work.group_end
-    records = lists.records
-    locate(tree, lists, matches, work.x, work.y, work.z, count, where)
+def _sort_by_list(records, count, where, order, group_list, group_end):
+    """Sort the queries with a list by list, in linear time; returns the number of groups."""
     groups = 0
     for i in range(count):
         record = where[i]
         if record < 0:
-            link = i * matches
-            kdtree.nearest(
-                tree,
-                work.x[i],
-                work.y[i],
-                work.z[i],
-                matches,
-                np.inf,
-                found[link : link + matches],
-                distance[link : link + matches],
-                stack,
-            )
             continue
         group = records[record + 2]
         if group < 0:
@@ -183,6 +156,7 @@ def match(tree, lists, matches, limit, count, work, found, distance, stack):
         where[i] = group
     begin = 0
     for group in range(groups):
+        records[group_list[group] + 2] = -1
         size = group_end[group]
         group_end[group] = begin
         begin += size
@@ -191,31 +165,79 @@ def match(tree, lists, matches, limit, count, work, found, distance, stack):
         if group >= 0:
             order[group_end[group]] = i
             group_end[group] += 1
+    return groups
+
+
+@jit
+def match(tree, lists, matches, limit, count, work, found, distance, stack):
+    """The k nearest reference points of the first `count` queries of `work`.
+
+    found, distance: (count * matches,) position in tree order, squared distance [m^2]; ascending.
+    A link longer than the square root of `limit` is -1, infinity.
+    """
+    # Named once: taking an array out of a tuple, or a slice of one, costs more than a distance.
+    points, index, records = tree.points, tree.index, lists.records
+    qx, qy, qz, where, order = work.x, work.y, work.z, work.where, work.order
+    group_list, group_end = work.group_list, work.group_end
+    lane, key, squared = work.lane, work.key, work.squared
+    locate(tree, lists, matches, qx, qy, qz, count, where)
+    for i in range(count):
+        if where[i] < 0:
+            kdtree.nearest(
+                tree, qx[i], qy[i], qz[i], matches, limit, found, distance, i * matches, stack
+            )
+    groups = _sort_by_list(records, count, where, order, group_list, group_end)
     begin = 0
     for group in range(groups):
-        record = group_list[group]
-        records[record + 2] = -1
+        first = group_list[group] + HEADER
+        length = records[group_list[group]]
         end = group_end[group]
-        candidates = records[record + HEADER : record + HEADER + records[record]]
-        if candidates.shape[0] <= PACKED:
-            _match_group(tree, candidates, order[begin:end], work, matches, found, distance)
-        else:
-            for k in range(begin, end):
-                i = order[k]
+        step = LANES if end - begin > FEW else 1
+        while begin < end:
+            lanes = min(step, end - begin)
+            if length > PACKED:
+                lanes = 1
+            elif step == 1:
+                i = order[begin]
+                _keys_of_one(points, records, first, length, qx[i], qy[i], qz[i], squared, key)
+            else:
+                padded = (lanes + 7) & ~7
+                for j in range(padded):
+                    i = order[begin + min(j, lanes - 1)]
+                    lane[j] = qx[i]
+                    lane[LANES + j] = qy[i]
+                    lane[2 * LANES + j] = qz[i]
+                _keys_of_many(points, records, first, length, lane, key, padded, matches)
+            for j in range(lanes):
+                i = order[begin + j]
+                x, y, z = qx[i], qy[i], qz[i]
                 link = i * matches
-                _scan(
-                    tree,
-                    candidates,
-                    work.x[i],
-                    work.y[i],
-                    work.z[i],
-                    matches,
-                    found[link : link + matches],
-                    distance[link : link + matches],
-                )
-        begin = end
+                tied = length > PACKED
+                if not tied:
+                    for t in range(matches):
+                        this = key[t * LANES + j]
+                        tied |= (this ^ key[(t + 1) * LANES + j]) <= PLACE
+                        q = records[first + (this & PLACE)]
+                        found[link + t] = q
+                        distance[link + t] = _squared_distance(points, q, x, y, z)
+                if tied:
+                    _scan(
+                        points,
+                        index,
+                        records,
+                        first,
+                        length,
+                        x,
+                        y,
+                        z,
+                        matches,
+                        found,
+                        distance,
+                        link,
+                    )
+            begin += lanes
     if limit < np.inf:
         for link in range(count * matches):
-            if distance[link] > limit:
+            if found[link] < 0 or distance[link] > limit:
                 found[link] = -1
                 distance[link] = np.inf

@@ -26,13 +26,13 @@ SINGULAR = 1e-12  # smallest against largest eigenvalue below which a direction 
 
 
 @jit
-def write_features(metric, x, y, z, surface, features, column):
-    """The seven features of a link from (x, y, z) to `surface` (q, n) into features[:, column]."""
-    dx = x - surface[0]
-    dy = y - surface[1]
-    dz = z - surface[2]
+def write_features(metric, x, y, z, surface, q, features, column):
+    """Features of the link from (x, y, z) to surface[q] (point, normal), into one column."""
+    dx = x - surface[q, 0]
+    dy = y - surface[q, 1]
+    dz = z - surface[q, 2]
     if metric == PLANE:
-        a, b, c = surface[3], surface[4], surface[5]
+        a, b, c = surface[q, 3], surface[q, 4], surface[q, 5]
         features[0, column] = y * c - z * b
         features[1, column] = z * a - x * c
         features[2, column] = x * b - y * a

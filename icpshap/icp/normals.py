@@ -72,7 +72,7 @@ def normals(tree, neighbours):
                 step += (point[axis] - tree.points[k - 1, axis]) ** 2
             bound = (math.sqrt(distance[neighbours - 1]) + math.sqrt(step)) * (1 + 1e-9) + 1e-12
         kdtree.nearest(
-            tree, point[0], point[1], point[2], neighbours, bound * bound, found, distance, stack
+            tree, point[0], point[1], point[2], neighbours, bound * bound, found, distance, 0, stack
         )
         for axis in range(3):
             mean[axis] = 0.0

@@ -1,5 +1,7 @@
 """From archives, folders and simulated scenes to one kind of table.
 
+Fetching does not depend on a digest of the code: an edited library is no reason to download again.
+
 Outputs: resources/{sequence}/scan_{index}.parquet, resources/{sequence}/poses.parquet
 """
 
@@ -7,7 +9,9 @@ Outputs: resources/{sequence}/scan_{index}.parquet, resources/{sequence}/poses.p
 rule fetch_scan:
     """Fetch a scan of an archive: of a remote one, little more than its own bytes."""
     input:
-        local_archive,
+        archive=local_archive,
+        # A wrong number of scans is said before any scan is fetched.
+        poses=ancient("resources/{sequence}/poses.parquet"),
     output:
         "resources/{sequence}/scan_{index}.parquet",
     log:
@@ -22,7 +26,6 @@ rule fetch_scan:
         mem_mb=500,
         download=1,
     params:
-        code=code_digest("fetch_scan"),
         archive=lambda wildcards: sequence_of(wildcards).archive,
         cache=lambda wildcards: f"resources/{wildcards.sequence}/archive",
         drop_non_finite=lambda wildcards: sequence_of(wildcards).drop_non_finite,
@@ -49,7 +52,6 @@ rule fetch_poses:
         mem_mb=500,
         download=1,
     params:
-        code=code_digest("fetch_poses"),
         archive=lambda wildcards: sequence_of(wildcards).archive,
         cache=lambda wildcards: f"resources/{wildcards.sequence}/archive",
         scans=lambda wildcards: sequence_of(wildcards).scans,

@@ -20,9 +20,6 @@ def planned_settings_and_runs():
     return [sum(part) for part in zip(*counts)] or [0, 0]
 
 
+JOB_LINES = progress.Progress(sys.stderr, planned_settings_and_runs, settings_and_runs)
 if workflow.is_main_process:
-    progress.replace_job_lines(
-        logger,
-        progress.Progress(sys.stderr, planned_settings_and_runs, settings_and_runs),
-        lambda: workflow.dryrun,
-    )
+    progress.replace_job_lines(logger, JOB_LINES, lambda: workflow.dryrun)

@@ -6,12 +6,15 @@ results/comparison/paper.{csv,md,png,svg}, results/provenance.yaml, results/{rep
 """
 
 
+report: "../report/workflow.rst"
+
+
 rule median_table:
     """Rank the uncertainty sources of each sequence, beside the paper's Table 1."""
     input:
         shap="results/{scope}/shap.parquet",
         resampled="results/{scope}/resampled.parquet",
-        paper="reference/table1.csv",
+        paper=f"{workflow.basedir}/reference/table1.csv",
     output:
         md=report(
             "results/{scope}/tables/median_shap.md",
@@ -42,7 +45,7 @@ rule compare_with_paper:
     """Set the results of every estimator that was run against the paper's."""
     input:
         files_of(compared_sections(), "shap"),
-        figures="reference/figures.csv",
+        figures=f"{workflow.basedir}/reference/figures.csv",
     output:
         png=report(
             "results/comparison/paper.png",
@@ -96,7 +99,7 @@ rule report:
         files_of(sections(), "shap", "uncertainty", "pairs"),
         rules.compare_with_paper.output if compared_sections() else [],
         provenance="results/provenance.yaml",
-        template="icpshap/report.html",
+        template=f"{workflow.basedir}/icpshap/report.html",
     output:
         page=report(
             "results/report.html",

@@ -1,0 +1,238 @@
+"""The ICP engine against a plain implementation, against itself, and at the edges."""
+
+import logging
+
+import numpy as np
+import plain_icp
+import pytest
+
+from icpshap import icp, se3
+
+PLANES = icp.Chain()
+POINTS = icp.Chain(icp.PointToPoint(), matches=1, outlier_filter=icp.Trimmed(0.75))
+
+
+def room(points, seed, noise=0.01):
+    """Points (n, 3) on the walls of a room with a box in it."""
+    rng = np.random.default_rng(seed)
+    half = np.where(rng.random(points)[:, None] < 0.7, [4.0, 3.0, 1.2], [0.6, 0.4, 0.8])
+    cloud = rng.uniform(-1, 1, (points, 3))
+    axis = rng.integers(0, 3, points)
+    cloud[np.arange(points), axis] = rng.choice([-1.0, 1.0], points)
+    return cloud * half + rng.normal(scale=noise, size=(points, 3))
+
+
+def poses(runs, seed, scale=0.05):
+    return se3.exp(np.random.default_rng(seed).normal(scale=scale, size=(runs, 6)))
+
+
+def subsets(runs, points, share, seed):
+    rng = np.random.default_rng(seed)
+    return [np.flatnonzero(rng.random(points) < share) for _ in range(runs)]
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return room(6000, 1), room(6000, 2)
+
+
+@pytest.mark.parametrize(
+    ("chain", "options"),
+    [
+        (PLANES, {}),
+        (POINTS, {"planes": False, "matches": 1, "ratio": 0.75}),
+        (
+            icp.Chain(icp.PointToPoint(), 5, icp.Trimmed(1.0), maximum_distance=0.3),
+            {"planes": False, "matches": 5, "ratio": 1.0, "maximum_distance": 0.3},
+        ),
+        (
+            icp.Chain(matches=2, maximum_distance=0.2, stopping=icp.Stopping(7, 1e-9, 1e-9)),
+            {"matches": 2, "maximum_distance": 0.2, "maximum_iterations": 7, "rotation": 1e-9},
+        ),
+    ],
+    ids=["paper", "point_to_point", "untrimmed", "distance_limit"],
+)
+def test_agrees_with_plain_icp_run_by_run(pair, chain, options):
+    reference, source = pair
+    rows, T_initial = subsets(6, len(source), 0.7, 3), poses(6, 4)
+    result = icp.register(icp.Reference(reference), source, rows, T_initial, chain)
+    for run in range(6):
+        T, iterations, rmse, inliers = plain_icp.register(
+            reference, source[rows[run]], T_initial[run], **options
+        )
+        np.testing.assert_allclose(result.T_reference_source[run], T, atol=1e-9)
+        assert result.iterations[run] == iterations
+        np.testing.assert_allclose(result.rmse[run], rmse, rtol=1e-9)
+        np.testing.assert_allclose(result.inlier_ratio[run], inliers, rtol=1e-12)
+
+
+def test_finds_the_pose_of_a_moved_copy(pair):
+    reference, _ = pair
+    T = poses(1, 9)[0]
+    source = se3.transform(se3.inverse(T), reference)
+    everything = [np.arange(len(source))]
+    result = icp.register(
+        icp.Reference(reference), source, everything, (T @ poses(1, 5, 0.01)[0])[None], POINTS
+    )
+    assert result.status[0] == "ok"
+    np.testing.assert_allclose(result.T_reference_source[0], T, atol=1e-9)
+    assert result.rmse[0] < 1e-9
+
+
+@pytest.mark.parametrize("chain", [PLANES, POINTS], ids=["planes", "points"])
+def test_a_run_does_not_depend_on_the_others(pair, chain, monkeypatch):
+    """Order, company, history of the lists and the size of batches change no byte."""
+    reference, source = pair
+    rows, T_initial = subsets(12, len(source), 0.9, 6), poses(12, 7)
+
+    def register(runs, shared=None):
+        shared = shared or icp.Reference(reference)
+        part = icp.register(shared, source, [rows[r] for r in runs], T_initial[runs], chain)
+        return part.T_reference_source, part.rmse
+
+    shared = icp.Reference(reference)
+    together = register(np.arange(12), shared)
+    assert len(np.unique(together[0], axis=0)) == 12
+    backwards = register(np.arange(12)[::-1], shared)
+    alone = [register(np.array([run])) for run in (0, 5, 11)]
+    monkeypatch.setattr("icpshap.icp.registration.BATCH_LINKS", 40_000)
+    in_small_batches = register(np.arange(12))
+    for k in range(2):
+        assert together[k].tobytes() == backwards[k][::-1].tobytes()
+        assert together[k].tobytes() == in_small_batches[k].tobytes()
+        for run, result in zip((0, 5, 11), alone, strict=True):
+            assert together[k][run].tobytes() == result[k][0].tobytes()
+
+
+def test_the_predicted_band_changes_nothing_but_rounding(pair, monkeypatch):
+    """A prediction that always fails leads to the same poses by repeating every iteration."""
+    reference, source = pair
+    arguments = (source, subsets(4, len(source), 0.9, 6), poses(4, 7), PLANES)
+    expected = icp.register(icp.Reference(reference), *arguments)
+
+    def wrong(threshold, previous):
+        return threshold * 2.0, threshold * 3.0, np.ones(len(threshold), dtype=bool)
+
+    monkeypatch.setattr("icpshap.icp.accumulation.predicted_bands", wrong)
+    repeated = icp.register(icp.Reference(reference), *arguments)
+    np.testing.assert_allclose(repeated.T_reference_source, expected.T_reference_source, atol=1e-12)
+    assert (repeated.iterations == expected.iterations).all()
+
+
+def test_full_lists_are_started_anew(pair, monkeypatch):
+    reference, source = pair
+    arguments = (source, subsets(4, len(source), 0.9, 6), poses(4, 7), PLANES)
+    expected = icp.register(icp.Reference(reference), *arguments)
+    shared = icp.Reference(reference)
+    lists = shared.lists(3)
+    lists.used[1] = len(lists.records) - 10_000
+    nearly_full = icp.register(shared, *arguments)
+    assert lists.used[1] < len(lists.records)
+    for result in (nearly_full, icp.register(shared, *arguments)):
+        assert result.T_reference_source.tobytes() == expected.T_reference_source.tobytes()
+
+
+def test_too_few_links_keep_the_pose_reached(pair):
+    reference, source = pair
+    T_initial = poses(4, 8)
+    T_initial[1, 0, 3] = 50.0
+    rows = [np.arange(100), np.arange(100), np.arange(1), np.array([], dtype=int)]
+    chain = icp.Chain(maximum_distance=0.5)
+    result = icp.register(icp.Reference(reference), source, rows, T_initial, chain)
+    assert list(result.status[1:]) == ["too_few_links"] * 3
+    assert list(result.iterations[1:]) == [0, 0, 0]
+    np.testing.assert_allclose(result.T_reference_source[1:], T_initial[1:], atol=1e-12)
+    assert result.inlier_ratio[1] == result.inlier_ratio[3] == 0
+    assert np.isnan(result.rmse[1])
+    assert result.status[0] in ("ok", "max_iterations")
+
+
+def test_one_plane_is_degenerate():
+    """A single plane lets the source slide and turn in it."""
+    grid = np.stack(np.meshgrid(np.arange(30.0), np.arange(30.0), [0.0]), axis=-1).reshape(-1, 3)
+    result = icp.register(
+        icp.Reference(grid), grid + 0.1, [np.arange(len(grid))], np.eye(4)[None], PLANES
+    )
+    assert list(result.status) == ["degenerate"]
+    np.testing.assert_array_equal(result.T_reference_source[0], np.eye(4))
+
+
+@pytest.mark.parametrize("direction", [[1.0, 0.0, 0.0], [1.0, 2.0, 3.0]])
+def test_points_on_a_line_are_degenerate(direction):
+    line = np.arange(20.0)[:, None] * direction
+    result = icp.register(icp.Reference(line), line + 0.1, [np.arange(20)], np.eye(4)[None], POINTS)
+    assert list(result.status) == ["degenerate"]
+
+
+def test_three_points():
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0]])
+    T = poses(1, 3)[0]
+    source = se3.transform(se3.inverse(T), points)
+    chain = icp.Chain(icp.PointToPoint(), 1, icp.Trimmed(1.0))
+    result = icp.register(icp.Reference(points), source, [np.arange(3)], np.eye(4)[None], chain)
+    np.testing.assert_allclose(result.T_reference_source[0], T, atol=1e-9)
+    with pytest.raises(ValueError, match="Normals from 7 neighbours need as many reference points"):
+        icp.register(icp.Reference(points), source, [np.arange(3)], np.eye(4)[None], PLANES)
+    with pytest.raises(ValueError, match="5 matches a point need as many reference points"):
+        icp.register(
+            icp.Reference(points), source, [np.arange(3)], np.eye(4)[None], icp.Chain(matches=5)
+        )
+
+
+def test_not_a_number_is_refused_at_the_door(pair):
+    reference, source = pair
+    spoilt = source.copy()
+    spoilt[[4, 7], 1] = np.nan, np.inf
+    with pytest.raises(ValueError, match=r"reference cloud: 2 of 6000 points .* row 4\. Hint:"):
+        icp.Reference(spoilt)
+    with pytest.raises(ValueError, match=r"source cloud: 2 of 6000 points are not finite"):
+        icp.register(icp.Reference(reference), spoilt, [[0]], np.eye(4)[None], PLANES)
+
+
+def test_runs_that_cannot_be_used_are_refused(pair):
+    reference, source = icp.Reference(pair[0]), pair[1]
+    T = np.eye(4)[None]
+    with pytest.raises(ValueError, match=r"expected points of shape \(n, 3\)"):
+        icp.Reference(np.zeros((4, 2)))
+    with pytest.raises(ValueError, match=r"T_initial: expected \(2, 4, 4\)"):
+        icp.register(reference, source, [[0], [1]], T, PLANES)
+    with pytest.raises(ValueError, match="run 0 is not a rigid transformation"):
+        icp.register(reference, source, [[0]], T * 2.0, PLANES)
+    for rows in ([3, 1], [1, 1], [0, 6000], [-1, 2]):
+        with pytest.raises(ValueError, match="rows of run 0: expected ascending row numbers"):
+            icp.register(reference, source, [rows], T, PLANES)
+
+
+def test_chains_that_cannot_be_built_are_refused():
+    with pytest.raises(ValueError, match="matches must be 1, 2, 3, 4 or 5, not 6"):
+        icp.Chain(matches=6)
+    with pytest.raises(ValueError, match=r"ratio must be in \(0, 1\], not 0"):
+        icp.Trimmed(0)
+    with pytest.raises(ValueError, match="maximum_distance must be positive or None, not 0"):
+        icp.Chain(maximum_distance=0)
+    with pytest.raises(ValueError, match="maximum_iterations must be at least 1, not 0"):
+        icp.Stopping(maximum_iterations=0)
+
+
+def test_minimum_range_is_exclusive():
+    points = np.array([[1.0, 0, 0], [0, 1.0 + 1e-12, 0], [0.5, 0.5, 0.5]])
+    assert list(icp.minimum_range(points, 1.0)) == [False, True, False]
+
+
+def test_the_first_job_says_that_it_compiles(caplog, tmp_path, monkeypatch):
+    from icpshap.icp.compiled import announce_compilation
+
+    class Kernel:
+        stats = type("Stats", (), {"cache_path": str(tmp_path)})
+
+        @staticmethod
+        def py_func():
+            pass
+
+    with caplog.at_level(logging.INFO):
+        (tmp_path / "module.py_func-12.py311.nbi").touch()
+        announce_compilation(Kernel())
+        assert not caplog.records
+        (tmp_path / "module.py_func-12.py311.nbi").unlink()
+        announce_compilation(Kernel())
+    assert "Compiling the ICP engine" in caplog.text

@@ -1,0 +1,100 @@
+"""Matches against brute force: distances, indices, ties; everywhere and for 1 to 5 matches."""
+
+import numpy as np
+import pytest
+
+from icpshap import icp
+from icpshap.icp import kdtree
+from icpshap.icp.matching import match, work_arrays
+
+GENERATORS = {
+    "random": lambda rng: rng.normal(size=(2000, 3)),
+    "duplicates": lambda rng: np.repeat(rng.normal(size=(60, 3)), 9, axis=0)[rng.permutation(540)],
+    "many_duplicates": lambda rng: np.repeat(rng.normal(size=(4, 3)), 400, axis=0),
+    "collinear": lambda rng: rng.normal(size=(800, 1)) * [1.0, 2.0, -1.0] + [3.0, 0, 0],
+    "lattice": lambda rng: rng.integers(0, 8, (1500, 3)).astype(float),
+    "dense_near_the_scanner": lambda rng: (
+        rng.normal(size=(3000, 3)) * 10 ** rng.uniform(-3, 1, (3000, 1))
+    ),
+    "outlier": lambda rng: np.vstack([rng.normal(size=(1000, 3)), [[1e5, -1e5, 3.0]]]),
+    "five_points": lambda rng: rng.normal(size=(5, 3)),
+}
+
+
+def queries_for(reference, rng):
+    """Points of the cloud, near it, between them, in empty space and far outside."""
+    chosen = reference[rng.integers(0, len(reference), 400)]
+    other = reference[rng.integers(0, len(reference), 400)]
+    size = np.ptp(reference[:-1], axis=0).max()
+    return np.vstack(
+        [
+            chosen,
+            chosen + rng.normal(scale=0.01 * size, size=chosen.shape),
+            (chosen + other) / 2,
+            rng.uniform(-1, 1, (100, 3)) * size,
+            rng.uniform(-100, 100, (100, 3)) * size,
+        ]
+    )
+
+
+def engine_matches(reference, queries, matches, limit=np.inf):
+    """(squared distances, original indices), each (n, matches), by the engine."""
+    reference = icp.Reference(reference)
+    tree, lists = reference.tree, reference.lists(matches)
+    queries = queries - reference.mean
+    count = len(queries)
+    work = work_arrays(count)
+    work.x[:], work.y[:], work.z[:] = queries.T
+    found = np.empty(count * matches, dtype=np.int32)
+    distance = np.empty(count * matches)
+    stack = np.empty(kdtree.STACK, dtype=np.int32)
+    for _ in range(40):  # again and again, so that the lists are divided down to the finest cubes
+        match(tree, lists, matches, limit, count, work, found, distance, stack)
+    index = np.where(found >= 0, tree.index[found], -1)
+    return distance.reshape(-1, matches), index.reshape(-1, matches), queries, reference
+
+
+def brute_force(reference, queries, matches):
+    """The same by sorting all points by (squared distance, index)."""
+    difference = reference[None] - queries[:, None]
+    x, y, z = np.moveaxis(difference, -1, 0)
+    squared = x * x + y * y + z * z
+    index = np.argsort(squared, axis=1, kind="stable")[:, :matches]
+    return np.take_along_axis(squared, index, axis=1), index
+
+
+@pytest.mark.parametrize("matches", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("name", GENERATORS)
+def test_same_matches_as_brute_force(name, matches):
+    """Equal squared distances to the bit; equal indices, the lowest on ties."""
+    rng = np.random.default_rng(matches)
+    cloud = GENERATORS[name](rng)
+    distance, index, queries, reference = engine_matches(cloud, queries_for(cloud, rng), matches)
+    expected_distance, expected_index = brute_force(cloud - reference.mean, queries, matches)
+    np.testing.assert_array_equal(distance, expected_distance)
+    np.testing.assert_array_equal(index, expected_index)
+
+
+def test_links_longer_than_the_limit_are_dropped():
+    rng = np.random.default_rng(0)
+    cloud = GENERATORS["random"](rng)
+    points = queries_for(cloud, rng)
+    limited, index, queries, reference = engine_matches(cloud, points, 3, limit=0.01)
+    distance, expected = brute_force(cloud - reference.mean, queries, 3)
+    near = distance <= 0.01
+    assert 0 < near.sum() < near.size
+    np.testing.assert_array_equal(index, np.where(near, expected, -1))
+    np.testing.assert_array_equal(limited, np.where(near, distance, np.inf))
+
+
+def test_nearly_equal_distances_are_told_apart():
+    """Squared distances that differ in the last bits only, where the lists' keys cannot tell."""
+    rng = np.random.default_rng(5)
+    directions = rng.normal(size=(400, 3))
+    cloud = directions / np.linalg.norm(directions, axis=1)[:, None]
+    centre = np.vstack([np.zeros(3), rng.normal(scale=1e-15, size=(20, 3))])
+    distance, index, queries, reference = engine_matches(cloud, centre, 3)
+    expected_distance, expected_index = brute_force(cloud - reference.mean, queries, 3)
+    assert np.ptp(expected_distance) < 1e-14
+    np.testing.assert_array_equal(distance, expected_distance)
+    np.testing.assert_array_equal(index, expected_index)
