@@ -49,7 +49,7 @@ NOTES = {
     "data.<sequence>": (
         "Exactly one of `archive`, `folder` and `simulated`: see [data.md](data.md)."
     ),
-    "data.<sequence>.archive": "Exactly one of `url` and `path`.",
+    "data.<sequence>.archive": "`url`, or `path`; where both are given, `path` is used.",
     "estimators.<name>": (
         "Give every key, or `based_on` and those that differ. An empty cell is the value of "
         "`paper`. What the three estimators are for: [paper.md](paper.md)."
