@@ -206,13 +206,14 @@ def warnings(table, study):
     """Pairs that were excluded and why, and what makes the others doubtful; a line each."""
     lines = []
     pairs = table.drop_duplicates(["sequence", "reference", "source"])
-    for row in pairs[pairs.reason != ""].itertuples():
-        lines.append(f"Not registered: {study.pair(row)}, {row.reason}.")
+    excluded = [f"{study.pair(row)} ({row.reason})" for row in pairs.itertuples() if row.reason]
+    if excluded:
+        lines.append(f"Not registered: {', '.join(excluded)}.")
     doubtful = table[table.warning != ""]
     for warning, rows in doubtful.groupby("warning", sort=False):
         names = [study.pair(row) for row in rows.drop_duplicates(list(pairs)[:3]).itertuples()]
         where = ", ".join(names) if len(names) <= 4 else f"{len(names)} pairs"
-        lines.append(f"{where} ({len(rows)} instances): {warning}.")
+        lines.append(f"{where} ({len(rows)} instance{'s' * (len(rows) > 1)}): {warning}.")
     lines += floor_sensitivity(table)
     unsettled = valued(pairs)[lambda rows: rows.f_again > rows.null_95]
     if len(unsettled):

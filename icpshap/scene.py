@@ -228,11 +228,11 @@ def _ellipse(values, colour):
 
 def thin(points, most):
     """Points (k, 3), one of each voxel, with voxels just large enough to leave at most `most`."""
-    size = 0.01
+    size = 0.02
     while len(points) > most:
         _, first = np.unique(np.floor(points / size), axis=0, return_index=True)
         points = points[np.sort(first)]
-        size *= 1.25
+        size *= 1.5
     return points
 
 

@@ -5,6 +5,7 @@ import pandas as pd
 
 from icpshap import captions, plan, shapley, tables
 from icpshap.sources import NAMES, SOURCES
+from icpshap.tables import INITIAL_XI, XI
 
 LEVELS = {
     "sensor_noise": (0.0, 0.05, 0.1),
@@ -87,3 +88,14 @@ def without_value(table, rows, reason):
             table.loc[rows, column] = False
     table.loc[rows, "reason"] = reason
     return table
+
+
+def runs_table(settings, number=60):
+    """Runs of some settings, as far as pictures need them; the first four in a wrong basin."""
+    generator = np.random.default_rng(5)
+    parts = []
+    for values in settings:
+        xi = generator.normal(0, [0.01, 0.02, 0.03, 0.1, 0.2, 0.3], (number, 6))
+        part = pd.DataFrame(np.hstack([3 * xi, xi]), columns=INITIAL_XI + XI)
+        parts.append(part.assign(**values, wrong_basin=np.arange(number) < 4))
+    return pd.concat(parts, ignore_index=True).assign(draws=0, replicate=0)

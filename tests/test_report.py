@@ -13,11 +13,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from known_results import FIXED, STUDY, WATERFALL, shap_table, without_value
+from known_results import FIXED, STUDY, WATERFALL, runs_table, shap_table, without_value
 
-from icpshap import captions, comparison, figures, median_table, progress, record, report
+from icpshap import captions, comparison, figures, median_table, progress, record, report, scene
 from icpshap.figures import style
-from icpshap.sources import NAMES
+from icpshap.perturbation import Streams
+from icpshap.sources import NAMES, SOURCES
 
 PAPER = pd.DataFrame(
     [
@@ -221,7 +222,7 @@ def test_page_says_warnings_before_figures(results):
     page = results.page
     assert page.index('id="warnings"') < page.index("<figure")
     warnings = page[page.index('id="warnings"') : page.index("<figure")]
-    assert "Not registered: Apartment 1–2, overlap ratio 0.08 is not above 0.1." in warnings
+    assert "Not registered: Apartment 1–2 (overlap ratio 0.08 is not above 0.1)." in warnings
     assert "the floor makes up 90% of the clean variance" in warnings
     assert "runs that failed, at most 2 of 100" in warnings
 
@@ -295,6 +296,24 @@ def test_page_opens_in_a_browser_and_every_picture_shows(results, tmp_path):
     dom, console = browse(page, tmp_path, "--dump-dom")
     assert console == []
     assert "<title>shown: 5</title>" in dom
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium here: the page was not opened")
+def test_interactive_page_draws_its_three_scenes(room_pair, tmp_path):
+    runs = runs_table([{source.name: source.off for source in SOURCES}, WATERFALL])
+    shown = scene.make_scene(room_pair, runs, WATERFALL, Streams(1, "apartment", 6, 7))
+    page = tmp_path / "page.html"
+    page.write_text(scene.page(shown, "Apartment 6–7", "what it shows"))
+    dom, console = browse(
+        page,
+        tmp_path / "profile",
+        "--enable-unsafe-swiftshader",
+        "--use-angle=swiftshader",
+        "--virtual-time-budget=5000",
+        "--dump-dom",
+    )
+    assert not [line for line in console if "rror" in line]
+    assert dom.count("<canvas") >= 3
 
 
 # --- what a run says ------------------------------------------------------------------------------
