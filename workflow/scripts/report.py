@@ -28,9 +28,9 @@ def make_report(output, sections, provenance, compared, titles):
     run = yaml.safe_load(Path(provenance).read_text())
     against = None
     if compared:
-        table = pd.read_csv(f"{compared}.csv")
-        text = comparison.caption(table)
-        against = (f"{compared}.svg", text, comparison.html(table, titles))
+        csv, svg = compared
+        table = pd.read_csv(csv)
+        against = (svg, comparison.caption(table), comparison.html(table, titles))
     Path(output.page).write_text(report.page(sections, run, "results", against))
     Path(output.summary).write_text(report.summary(sections, output.page))
 
@@ -41,6 +41,6 @@ if __name__ == "__main__":
             snakemake.output,
             snakemake.params.sections,
             snakemake.input.provenance,
-            snakemake.params.compared,
+            snakemake.input.compared,
             snakemake.params.titles,
         )
