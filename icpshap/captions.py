@@ -95,7 +95,8 @@ def method(table, study):
     sentences = [f"Estimator {study.estimator}; f = {reading(study)}; {runs}."]
     over = kept.interval_over.iloc[0] if len(kept) else ""
     if over:
-        condition = f", conditional on {DRAWS}" if over == "runs" else ""
+        drawn_once = {"runs": DRAWS, "noise draws": "one draw of the removed points"}
+        condition = f", conditional on {drawn_once[over]}" if over in drawn_once else ""
         sentences.append(f"95 % intervals are taken over {over}{condition}.")
     return sentences
 

@@ -1,7 +1,7 @@
 """The uncertainty sources: the causes that a game of coalitions shares the uncertainty out among.
 
-How each acts on a pair of scans is in perturbation.py; a further source is a line here, its action
-there and its key in the schema.
+How each acts on a pair of scans is in perturbation.py; what a further source takes is in
+docs/extending.md.
 """
 
 from dataclasses import dataclass

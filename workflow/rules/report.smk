@@ -97,11 +97,10 @@ rule report:
     """Make the report of the selected experiments, and the few lines that end a run."""
     input:
         files_of(sections(), "shap", "uncertainty", "pairs"),
-        compared=(
-            [rules.compare_with_paper.output.csv, rules.compare_with_paper.output.svg]
-            if compared_sections()
-            else []
-        ),
+        # Both or none: where no selected sequence is of the paper, there is nothing to compare.
+        compared=[
+            f"results/comparison/paper.{kind}" for kind in ("csv", "svg") if compared_sections()
+        ],
         provenance="results/provenance.yaml",
         template=f"{workflow.basedir}/icpshap/report.html",
     output:

@@ -28,7 +28,8 @@ def make_report(output, sections, provenance, compared, titles):
     run = yaml.safe_load(Path(provenance).read_text())
     against = None
     if compared:
-        table, svg = pd.read_csv(compared[0]), compared[1]
+        csv, svg = compared
+        table = pd.read_csv(csv)
         against = (svg, comparison.caption(table), comparison.html(table, titles))
     Path(output.page).write_text(report.page(sections, run, "results", against))
     Path(output.summary).write_text(report.summary(sections, output.page))
