@@ -12,6 +12,19 @@ try:
 except settings.SettingsError as error:
     raise WorkflowError(str(error)) from None
 
+# Scan files and pose file of each folder, known without reading them; a missing one is said here,
+# since an error of an input function comes with a traceback.
+FOLDER_FILES = {}
+for key in SETTINGS.sequences:
+    sequence = SETTINGS.data[key]
+    if sequence.kind == "folder":
+        try:
+            FOLDER_FILES[key] = find_folder_files(
+                sequence.folder["path"], sequence.scans, sequence.folder.get("poses")
+            )
+        except DataError as error:
+            raise WorkflowError(f"data.{key}: {error}") from None
+
 # Jobs are parallel by processes; a library that starts threads of its own only gets in their way.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[variable] = "1"
@@ -68,17 +81,6 @@ def jobs_of(wildcards):
         estimator_of(wildcards).runs,
         SETTINGS.runs_per_job,
     )
-
-
-def folder_files(wildcards):
-    """Scan files and pose file of a folder sequence, known without reading them."""
-    sequence = sequence_of(wildcards)
-    try:
-        return find_folder_files(
-            sequence.folder["path"], sequence.scans, sequence.folder.get("poses")
-        )
-    except DataError as error:
-        raise WorkflowError(f"data.{sequence.key}: {error}") from None
 
 
 def local_archive(wildcards):

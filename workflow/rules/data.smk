@@ -62,7 +62,7 @@ rule fetch_poses:
 rule read_scan:
     """Read a scan of a folder."""
     input:
-        lambda wildcards: folder_files(wildcards)[0][int(wildcards.index)],
+        lambda wildcards: FOLDER_FILES[wildcards.sequence][0][int(wildcards.index)],
     output:
         "resources/{sequence}/scan_{index}.parquet",
     log:
@@ -85,7 +85,7 @@ rule read_scan:
 rule read_poses:
     """Read the poses of a folder."""
     input:
-        lambda wildcards: folder_files(wildcards)[1],
+        lambda wildcards: FOLDER_FILES[wildcards.sequence][1],
     output:
         "resources/{sequence}/poses.parquet",
     log:
