@@ -19,11 +19,30 @@ include: "workflow/rules/registration.smk"
 include: "workflow/rules/explanation.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/report.smk"
+include: "workflow/rules/progress.smk"
+
+
+localrules:
+    all,
+    compare_with_paper,
+    join_sequences,
+    provenance,
+    report,
 
 
 rule all:
     """Everything that the selected experiments make of the selected sequences."""
     default_target: True
-    localrule: True
     input:
         targets(),
+
+
+onsuccess:
+    if os.path.exists("results/summary.txt"):
+        with open("results/summary.txt") as summary:
+            print(summary.read())
+
+
+onerror:
+    if JOB_LINES.failed:
+        logger.error(progress.failure(JOB_LINES.failed))

@@ -20,7 +20,7 @@ from icpshap.open3d_loader import load_open3d
 MINIMUM_POINTS = 1000
 ROTATION_TOLERANCE = 1e-4
 OVERLAP_DISTANCE = 0.2  # m; the paper's distance between overlapping points
-SANITY_POINTS = 20_000
+SANITY_POINTS = 5000
 
 LEICA_NAME = "pose_scanner_leica.csv"
 LEICA_PLACES = ("leica", "csv_global", "csv_local")
@@ -47,22 +47,23 @@ def find_folder_files(folder, scans, pose_file=None):
 
     The folder is laid out either like the data set (``csv_local/Hokuyo_<i>.csv`` and
     ``pose_scanner_leica.csv`` in ``leica/``, ``csv_global/`` or ``csv_local/``) or as a user's own:
-    .ply, .pcd or .csv scans, ordered by the numbers in their names, beside one pose file named
-    ``poses.*``, ``*.txt`` or ``*.tum``. ``pose_file``, relative to the folder, overrides the
-    search. Raises DataError.
+    .ply, .pcd or .csv scans, ordered by the numbers in their names, beside the pose file: named
+    ``poses.*``, or else the only ``*.txt`` or ``*.tum``. ``pose_file``, relative to the folder,
+    overrides the search. Raises DataError.
     """
     folder = Path(folder)
     if not folder.is_dir():
         raise DataError(
             f"{folder}: no such folder.",
-            "set `folder` to the one that holds the scans; relative paths start at the Snakefile.",
+            "set `folder: {path: ...}` to the one that holds the scans.",
         )
     is_data_set = (folder / "csv_local").is_dir()
     if pose_file is not None:
         pose_path = folder / pose_file
         if not pose_path.is_file():
             raise DataError(
-                f"{pose_path}: no such pose file.", f"`pose_file` is relative to {folder}."
+                f"{pose_path}: no such pose file.",
+                f"`folder: {{path: ..., poses: ...}}`: `poses` is relative to {folder}.",
             )
     else:
         pose_path = _data_set_pose_file(folder) if is_data_set else _own_pose_file(folder)
@@ -91,27 +92,27 @@ def _data_set_pose_file(folder):
             return folder / place / LEICA_NAME
     raise DataError(
         f"{folder}: no {LEICA_NAME} in {', '.join(place + '/' for place in LEICA_PLACES)}.",
-        "copy it to one of these, or name another file with `pose_file`.",
+        "copy it to one of these, or name another file: `folder: {path: ..., poses: ...}`.",
     )
 
 
 def _own_pose_file(folder):
-    files = sorted(path for path in folder.iterdir() if path.is_file())
-    found = [path for path in files if _looks_like_poses(path)]
+    files = sorted(path for path in folder.iterdir() if path.is_file() and path.name[0] != ".")
+    found = [path for path in files if _is_named_poses(path)]
+    found = found or [path for path in files if path.suffix in (".txt", ".tum")]
     if len(found) != 1:
         names = ", ".join(path.name for path in found) or "none"
         raise DataError(
-            f"{folder}: expected one pose file (poses.*, *.txt, *.tum or {LEICA_NAME}),"
-            f" found {names}.",
-            "name the right one with `pose_file`."
-            if found
-            else "add one; for the data set's own files `folder` is the one that holds csv_local/.",
+            f"{folder}: expected one pose file (poses.* or {LEICA_NAME}, else the only *.txt or"
+            f" *.tum), found {names}.",
+            "name the right one: `folder: {path: ..., poses: ...}`. For the data set's own files,"
+            " the folder is the one that holds csv_local/.",
         )
     return found[0]
 
 
-def _looks_like_poses(path):
-    return path.stem == "poses" or path.name == LEICA_NAME or path.suffix in (".txt", ".tum")
+def _is_named_poses(path):
+    return path.stem == "poses" or path.name == LEICA_NAME
 
 
 def _own_scans(folder, scans, pose_path):
@@ -119,8 +120,9 @@ def _own_scans(folder, scans, pose_path):
         path
         for path in folder.iterdir()
         if path.suffix.lower() in SCAN_SUFFIXES
-        and not _looks_like_poses(path)
+        and path.name[0] != "."
         and path != pose_path
+        and not _is_named_poses(path)
     ]
     kinds = sorted({path.suffix.lower() for path in paths})
     if len(kinds) > 1:
@@ -134,7 +136,7 @@ def _own_scans(folder, scans, pose_path):
             f" but the configuration says `scans: {scans}`.",
             f"set `scans: {len(paths)}` if these are all."
             if paths
-            else "set `folder` to the scans.",
+            else "set `folder: {path: ...}` to the one that holds the scans.",
         )
     return sorted(paths, key=lambda path: _natural_order(path.name))
 

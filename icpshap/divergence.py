@@ -49,6 +49,11 @@ class Reading:
     evaluate: Callable
     null_factor: float
 
+    @property
+    def compares_with_clean(self):
+        """Whether f of the clean setting is 0 by identity."""
+        return not np.isnan(self.null_factor)
+
 
 def floor_matrix(rotation, translation):
     """Covariance floor diag(rotation^2 x3, translation^2 x3); rotation [rad], translation [m]."""
@@ -206,10 +211,14 @@ def null_quantile(reading, n, probability, unbiased=False):
 
     It does not depend on which distribution. NaN for a reading without a null.
     """
-    reading = READINGS[reading]
-    if np.isnan(reading.null_factor):
+    if not READINGS[reading].compares_with_clean:
         return np.nan
+    return np.quantile(_null_values(reading, n, unbiased), probability)
+
+
+@cache
+def _null_values(reading, n, unbiased):
     generator = np.random.default_rng(n)
     samples = wishart.rvs(n - 1, np.eye(DIMENSION), (2, NULL_DRAWS), generator) / (n - 1)
     clean, perturbed = (Spread(sample, np.float64(n), None, None) for sample in samples)
-    return np.quantile(reading.evaluate(clean, perturbed, unbiased), probability)
+    return READINGS[reading].evaluate(clean, perturbed, unbiased)

@@ -5,7 +5,7 @@ this module adds what a schema cannot say: names that must exist, pairs that mus
 """
 
 import difflib
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 
@@ -72,6 +72,12 @@ class Estimator(Registration):
         keys = Registration.__dataclass_fields__
         return Registration(**{key: getattr(self, key) for key in keys})
 
+    @property
+    def method(self):
+        """The other part, by key: how numbers are read off the pose samples."""
+        keys = Registration.__dataclass_fields__
+        return {key: value for key, value in asdict(self).items() if key not in keys}
+
 
 @dataclass(frozen=True)
 class Sequence:
@@ -91,6 +97,7 @@ class Sequence:
 
 
 KINDS = ("archive", "folder", "simulated")
+EXPERIMENT_KEYS = ("estimator", "pairs", "instances", "figures")
 
 
 @dataclass(frozen=True)
@@ -152,11 +159,12 @@ def load(config):
         perturbation=Perturbation(**config["perturbation"]),
         data={key: _sequence(key, block) for key, block in config["data"].items()},
         estimators={
-            name: Estimator(**_resolved(config["estimators"], name)[0])
+            name: Estimator(**_inherited(config["estimators"], name))
             for name in config["estimators"]
         },
         experiments={
-            name: _experiment(name, block, config) for name, block in config["experiments"].items()
+            name: _experiment(name, _inherited(config["experiments"], name), config)
+            for name in config["experiments"]
         },
     )
 
@@ -222,25 +230,35 @@ def _by_sequence(pairs):
     return result
 
 
-def _resolved(estimators, name):
-    """An estimator's values with those it is based on, and what is wrong with them."""
-    chain, block = [name], dict(estimators[name])
-    while (base := block.pop("based_on", None)) is not None:
-        if base not in estimators:
-            return {}, [f"estimators.{chain[-1]}.based_on: {_unknown(base, estimators)}"]
-        if base in chain:
-            return {}, [f"estimators.{name}.based_on: circle {' -> '.join([*chain, base])}"]
-        chain.append(base)
-        block = {**estimators[base], **block}
-        if "based_on" not in estimators[base]:
-            break
-        block["based_on"] = estimators[base]["based_on"]
-    missing = [key for key in Estimator.__dataclass_fields__ if key not in block]
+def _inherited(blocks, name):
+    """A block with the values of those it is based on. Raises _Unresolved if that leads nowhere."""
+    block, names = blocks[name], [name]
+    while "based_on" in block:
+        base = block["based_on"]
+        if base not in blocks:
+            raise _Unresolved(f"{names[-1]}.based_on: {_unknown(base, blocks)}")
+        if base in names:
+            raise _Unresolved(f"{name}.based_on: circle {' -> '.join([*names, base])}")
+        names.append(base)
+        given = {key: value for key, value in block.items() if key != "based_on"}
+        block = {**blocks[base], **given}
+    return block
+
+
+class _Unresolved(ValueError):
+    """A block is based on one that does not exist, or on itself."""
+
+
+def _complete(section, blocks, name, required):
+    """A block with what it inherits, or what is wrong with that, as (block, errors)."""
+    try:
+        block = _inherited(blocks, name)
+    except _Unresolved as error:
+        return None, [f"{section}.{error}"]
+    missing = [key for key in required if key not in block]
     if missing:
-        return {}, [
-            f"estimators.{name}: missing {', '.join(missing)}. "
-            "Hint: give them, or `based_on: paper` to take the paper's values"
-        ]
+        hint = "give them, or `based_on` another one that has them"
+        return None, [f"{section}.{name}: missing {', '.join(missing)}. Hint: {hint}"]
     return block, []
 
 
@@ -257,14 +275,17 @@ def _inconsistencies(config, broken):
             if name not in names:
                 yield f"{key}: {_unknown(name, names)}. Hint: define it under {section}"
     for name, block in data.items():
-        if ("data", name) not in broken:
+        if not any(path[0] == "data" for path in broken):
             yield from _sequence_inconsistencies(f"data.{name}", block)
     for name in estimators:
-        if not any(section == "estimators" for section, *_ in broken):
+        if not any(path[0] == "estimators" for path in broken):
             yield from _estimator_inconsistencies(name, estimators)
-    for name, block in experiments.items():
-        if ("experiments", name) not in broken and not any(path[0] == "data" for path in broken):
-            yield from _experiment_inconsistencies(f"experiments.{name}", block, data, estimators)
+    for name in experiments:
+        if not any(path[0] in ("experiments", "data") for path in broken):
+            block, errors = _complete("experiments", experiments, name, EXPERIMENT_KEYS)
+            yield from errors or _experiment_inconsistencies(
+                f"experiments.{name}", block, data, estimators
+            )
 
 
 def _sequence_inconsistencies(where, block):
@@ -276,14 +297,14 @@ def _sequence_inconsistencies(where, block):
             "Hint: `archive: null` unsets a key of config.yaml"
         )
     archive = block.get("archive")
-    if archive is not None and ("url" in archive) == ("path" in archive):
-        yield f"{where}.archive: expected exactly one of url and path"
+    if archive is not None and not {"url", "path"} & set(archive):
+        yield f"{where}.archive: expected url, or path for a ZIP on disk"
 
 
 def _estimator_inconsistencies(name, estimators):
-    block, errors = _resolved(estimators, name)
-    yield from errors
+    block, errors = _complete("estimators", estimators, name, Estimator.__dataclass_fields__)
     if errors:
+        yield from errors
         return
     if block["bias_correction"] == "wishart" and block["common_random_numbers"]:
         yield (
@@ -323,7 +344,23 @@ def _experiment_inconsistencies(where, block, data, estimators):
                     )
             if pair["reference"] == pair["source"]:
                 yield f"{where}.{key}: reference and source are both scan {pair['source']}"
+            elif key == "scenes" and not _is_registered(pair, block):
+                yield (
+                    f"{where}.scenes: {pair['sequence']} {pair['reference']}, {pair['source']} is "
+                    "not one of the experiment's pairs. Hint: list it under pairs too"
+                )
+    if "waterfall" in block["figures"] and (block["pairs"] == "consecutive" or len(listed) > 1):
+        yield (
+            f"{where}.figures: waterfall shows one pair, and the experiment has several. "
+            "Hint: leave it out, or give the pair an experiment of its own"
+        )
     yield from _instance_inconsistencies(where, block)
+
+
+def _is_registered(pair, block):
+    if block["pairs"] == "consecutive":
+        return pair["sequence"] in block["sequences"] and pair["source"] == pair["reference"] + 1
+    return pair in block["pairs"]
 
 
 def _instance_inconsistencies(where, block):

@@ -38,28 +38,36 @@ def maximum_scans(scene):
     return int(_path_length(SCENES[scene].path)[-1] / STEP[1]) + 1
 
 
-def simulate_sequence(scene, scans, beams, seed):
-    """Simulate ``scans`` scans of about ``beams`` laser beams along the path through a scene.
+def simulate_poses(scene, scans, seed):
+    """Poses T_global_scan (scans, 4, 4) along the path through a scene.
 
-    Returns a list of points (n, 3) [m], each in its scanner frame, and the poses T_global_local
-    (scans, 4, 4). n is less than ``beams``: some are dropped, and the sky returns none. Scan k
-    depends on scene, beams, seed and k alone. Raises ValueError for more than `maximum_scans`.
+    Pose k depends on scene, seed and k alone. Raises ValueError for more than `maximum_scans`.
     """
     if scans > maximum_scans(scene):
         raise ValueError(
             f"scans: {scans} do not fit on the path through the scene {scene!r}, at most"
             f" {maximum_scans(scene)} do.\nHint: lower `scans`."
         )
+    return _poses(SCENES[scene].path, scans, _generator(seed, scene, "motion"))
+
+
+def simulate_scan(scene, index, T_global_scan, beams, seed):
+    """Points (n, 3) [m] of scan ``index`` of a scene, in its scanner's frame.
+
+    ``beams`` beams are drawn out of a full scan, as one thins a cloud at random; n is less, since
+    some are dropped, and the sky returns none. Raises ValueError for more than a full scan has.
+    """
+    full = _beam_directions()
+    if beams > len(full):
+        raise ValueError(
+            f"beams: {beams} are more than the {len(full)} of a full scan.\nHint: lower `beams`."
+        )
+    generator = _generator(seed, scene, f"laser/{index}")
+    drawn = np.sort(generator.choice(len(full), beams, replace=False))
     open3d = load_open3d()
     world = _raycaster(open3d, SCENES[scene].build(open3d))
     robot = _raycaster(open3d, _robot(open3d))
-    directions = _beam_directions(beams)
-    poses = _poses(SCENES[scene].path, scans, _generator(seed, scene, "motion"))
-    clouds = [
-        _scan(world, robot, directions, pose, _generator(seed, scene, f"laser/{index}"))
-        for index, pose in enumerate(poses)
-    ]
-    return clouds, poses
+    return _scan(world, robot, full[drawn], T_global_scan, generator)
 
 
 def _generator(seed, scene, name):
@@ -71,11 +79,11 @@ def _generator(seed, scene, name):
 # The laser
 
 
-def _beam_directions(beams):
-    """Unit vectors (about ``beams``, 3) in the scanner frame, fan by fan."""
-    fans = max(2, round(np.sqrt(beams * FULL_RESOLUTION[0] / FULL_RESOLUTION[1])))
+def _beam_directions():
+    """Unit vectors (n, 3) of the beams of a full scan, in the scanner's frame, fan by fan."""
+    fans, beams = FULL_RESOLUTION
     tilt = np.linspace(-TILT, TILT, fans)[:, None]
-    angle = np.linspace(-FAN / 2, FAN / 2, round(beams / fans))
+    angle = np.linspace(-FAN / 2, FAN / 2, beams)
     forward = np.cos(angle)
     directions = np.broadcast_arrays(
         np.cos(tilt) * forward, np.sin(angle) + 0 * tilt, -np.sin(tilt) * forward
@@ -83,13 +91,13 @@ def _beam_directions(beams):
     return np.stack(directions, axis=-1).reshape(-1, 3)
 
 
-def _scan(world, robot, directions, T_global_local, generator):
+def _scan(world, robot, directions, T_global_scan, generator):
     """Points (n, 3) in the scanner frame of one scan."""
     noise = generator.standard_normal(len(directions))
     dropped = generator.random(len(directions)) < DROPOUTS
-    origin = np.broadcast_to(T_global_local[:3, 3], directions.shape)
+    origin = np.broadcast_to(T_global_scan[:3, 3], directions.shape)
     ranges = np.minimum(
-        _cast(world, origin, directions @ T_global_local[:3, :3].T),
+        _cast(world, origin, directions @ T_global_scan[:3, :3].T),
         _cast(robot, np.zeros_like(directions), directions),
     )
     ranges += noise * np.where(ranges < 10.0, *RANGE_NOISE)
@@ -120,7 +128,7 @@ def _path_length(path):
 
 
 def _poses(path, scans, generator):
-    """Poses T_global_local (scans, 4, 4) along a smooth curve through the corners of the path."""
+    """Poses T_global_scan (scans, 4, 4) along a smooth curve through the corners of the path."""
     draws = generator.random((scans, 4))
     travelled = np.cumsum(STEP[0] + draws[:, 0] * (STEP[1] - STEP[0]))
     travelled -= travelled[0]

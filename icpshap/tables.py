@@ -152,6 +152,13 @@ TABLES = {
         Column(
             "floor_share", "float64", "", "largest share of the floor in a direction's variance"
         ),
+        Column(
+            "memory",
+            "float64",
+            "",
+            "largest share of a pose component's variance that is linear in the initial pose; "
+            "near 0 where ICP converged",
+        ),
         Column("mean_translation_error", "float64", "m", "mean distance to the true translation"),
         Column("mean_rotation_error", "float64", "rad", "mean angle to the true rotation"),
         Column("translation_rmse", "float64", "m", "root mean square of that distance"),
@@ -186,6 +193,15 @@ TABLES = {
         Column("n_wrong_basin", "int32", "", "runs in a wrong basin in a setting of the instance"),
         Column("interval_over", "string", "", "runs, noise draws or replicates"),
         *_REMARKS,
+    ],
+    "resampled": [
+        *_PAIR,
+        Column("instance", "int32", "", "number of the instance"),
+        Column("resample", "int32", "", "number of the bootstrap sample of the pair's runs"),
+        *(
+            Column(f"phi_{s.name}", "float64", _F, f"Shapley value of {s.title} in the resample")
+            for s in SOURCES
+        ),
     ],
 }
 

@@ -1,8 +1,11 @@
 """Settings of the workflow, and the questions that rules ask of them."""
 
+import csv
 from dataclasses import asdict
 
-from icpshap import plan, provenance, settings
+from icpshap import plan, provenance, record, settings
+from icpshap.dataset import DataError, find_folder_files
+from icpshap.sources import NAMES
 
 try:
     SETTINGS = settings.load(config)
@@ -12,8 +15,10 @@ except settings.SettingsError as error:
 # Jobs are parallel by processes; a library that starts threads of its own only gets in their way.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[variable] = "1"
-os.environ.setdefault("NUMBA_CACHE_DIR", os.path.abspath(".cache/numba"))
-os.environ.setdefault("MPLCONFIGDIR", os.path.abspath(".cache/matplotlib"))
+os.environ.setdefault("NUMBA_CACHE_DIR", f"{workflow.basedir}/.cache/numba")
+os.environ.setdefault("MPLCONFIGDIR", f"{workflow.basedir}/.cache/matplotlib")
+# Figures are drawn into files; no window may open.
+os.environ.setdefault("MPLBACKEND", "Agg")
 
 
 def keys_of_kind(kind):
@@ -65,6 +70,42 @@ def jobs_of(wildcards):
     )
 
 
+def folder_files(wildcards):
+    """Scan files and pose file of a folder sequence, known without reading them."""
+    sequence = sequence_of(wildcards)
+    try:
+        return find_folder_files(
+            sequence.folder["path"], sequence.scans, sequence.folder.get("poses")
+        )
+    except DataError as error:
+        raise WorkflowError(f"data.{sequence.key}: {error}") from None
+
+
+def local_archive(wildcards):
+    return sequence_of(wildcards).archive.get("path", [])
+
+
+def scans_of_pairs(wildcards):
+    indices = sorted({index for pair in pairs_of(wildcards) for index in pair})
+    return [f"resources/{wildcards.sequence}/scan_{index}.parquet" for index in indices]
+
+
+def overlaps_of_pairs(wildcards):
+    return [
+        f"resources/{wildcards.sequence}/overlap/{reference}-{source}.parquet"
+        for reference, source in pairs_of(wildcards)
+    ]
+
+
+def runs_of_pairs(wildcards):
+    chunks = len(jobs_of(wildcards))
+    return [
+        f"results/{wildcards.experiment}/{wildcards.sequence}/runs/{i}-{j}/{chunk}.parquet"
+        for i, j in pairs_of(wildcards)
+        for chunk in range(chunks)
+    ]
+
+
 def selected_sequences(experiment):
     """The sequences of an experiment that are selected, in the experiment's order."""
     return [key for key in experiment.pairs if key in SETTINGS.sequences]
@@ -78,16 +119,123 @@ def scopes(experiment):
     return [f"{experiment.name}/{key}" for key in selected]
 
 
+FIGURES = {
+    "summary": ["summary"],
+    "waterfall": ["waterfall"],
+    "dependence": [
+        "dependence_sensor_noise_by_initial_pose",
+        "dependence_initial_pose_by_partial_overlap",
+        "dependence_partial_overlap_by_initial_pose",
+    ],
+    "interactions": ["interactions"],
+    "pairs": ["pairs"],
+}
+
+
+def study_of(wildcards):
+    """How the numbers of a scope came about, as far as figures and captions say it."""
+    name = wildcards.get("experiment") or wildcards["scope"].split("/")[0]
+    experiment = SETTINGS.experiments[name]
+    estimator = SETTINGS.estimators[experiment.estimator]
+    return {
+        "name": experiment.name,
+        "estimator": experiment.estimator,
+        "divergence": estimator.divergence,
+        "noise_draws": estimator.noise_draws,
+        "bias_correction": estimator.bias_correction,
+        "wrong_basins": estimator.wrong_basins,
+        "titles": {key: SETTINGS.data[key].title for key in experiment.pairs},
+        "waterfall": experiment.waterfall,
+    }
+
+
+def figures_of(experiment, scope):
+    """Pictures of an experiment, or of one sequence of it."""
+    names = [name for family in experiment.figures for name in FIGURES[family]]
+    figures = [f"results/{scope}/figures/{name}.png" for name in names]
+    return figures + [
+        f"results/{experiment.name}/{sequence}/figures/scene_{reference}-{source}.{kind}"
+        for sequence, pairs in experiment.scenes.items()
+        if scope in (experiment.name, f"{experiment.name}/{sequence}")
+        for reference, source in pairs
+        for kind in ("png", "html")
+    ]
+
+
+def runs_of_scene(wildcards):
+    folder = f"results/{wildcards.experiment}/{wildcards.sequence}/runs"
+    pair = f"{wildcards.reference}-{wildcards.source}"
+    return [f"{folder}/{pair}/{chunk}.parquet" for chunk in range(len(jobs_of(wildcards)))]
+
+
+def perturbation_of_scene(wildcards):
+    """The instance of the waterfall plot, or every source at its largest level."""
+    experiment = experiment_of(wildcards)
+    return experiment.waterfall or {name: max(experiment.levels[name]) for name in NAMES}
+
+
+def rankings_of(experiment, scope):
+    """Medians are of pairs; over the perturbations of a grid they would mean little."""
+    if any(len(levels) > 1 for levels in experiment.levels.values()):
+        return []
+    return [f"results/{scope}/tables/outlier_rules.csv"]
+
+
+def selected_scopes():
+    """Experiment and scope of all that is selected."""
+    experiments = [SETTINGS.experiments[name] for name in SETTINGS.run]
+    return [(experiment, scope) for experiment in experiments for scope in scopes(experiment)]
+
+
+def sections():
+    """What report and comparison read of each selected scope."""
+    return [
+        {
+            "scope": scope,
+            "study": study_of({"experiment": experiment.name}),
+            "figures": [
+                path.replace(".png", ".svg")
+                for path in figures_of(experiment, scope)
+                if path.endswith(".png")
+            ],
+            "rankings": rankings_of(experiment, scope),
+        }
+        for experiment, scope in selected_scopes()
+    ]
+
+
+def compared_sections():
+    """The sections with a sequence that the paper has values of."""
+    with open(f"{workflow.basedir}/reference/table1.csv") as table:
+        known = {row["sequence"] for row in csv.DictReader(table)}
+    return [section for section in sections() if known & set(section["study"]["titles"])]
+
+
+def files_of(sections, *tables):
+    """The tables, rankings and pictures of sections."""
+    return [
+        path
+        for section in sections
+        for path in [
+            *(f"results/{section['scope']}/{table}.parquet" for table in tables),
+            *section["rankings"],
+            *section["figures"],
+        ]
+    ]
+
+
+def titles():
+    return {key: sequence.title for key, sequence in SETTINGS.data.items()}
+
+
 def targets():
     """The files of every selected experiment that has a selected sequence."""
-    paths = []
     for name in SETTINGS.run:
-        experiment = SETTINGS.experiments[name]
-        if not selected_sequences(experiment):
-            known = ", ".join(experiment.pairs)
+        if not selected_sequences(SETTINGS.experiments[name]):
+            known = ", ".join(SETTINGS.experiments[name].pairs)
             logger.info(f"Skipping {name}: none of its sequences ({known}) is selected.")
-        for scope in scopes(experiment):
-            paths += [f"results/{scope}/uncertainty.parquet", f"results/{scope}/shap.parquet"]
-            paths += figures_of(experiment, scope)
-            paths += tables_of(scope)
-    return paths
+    paths = [
+        path for experiment, scope in selected_scopes() for path in figures_of(experiment, scope)
+    ]
+    paths += files_of(sections(), "uncertainty", "shap")
+    return [*paths, "results/report.html", "results/provenance.yaml"] if paths else []

@@ -1,24 +1,62 @@
 """From archives, folders and simulated scenes to one kind of table.
 
+Fetching does not depend on a digest of the code: an edited library is no reason to download again.
+
 Outputs: resources/{sequence}/scan_{index}.parquet, resources/{sequence}/poses.parquet
 """
 
-from icpshap.dataset import DataError, find_folder_files
+
+rule fetch_scan:
+    """Fetch a scan of an archive: of a remote one, little more than its own bytes."""
+    input:
+        archive=local_archive,
+        # A wrong number of scans is said before any scan is fetched.
+        poses=ancient("resources/{sequence}/poses.parquet"),
+    output:
+        "resources/{sequence}/scan_{index}.parquet",
+    log:
+        "logs/fetch_scan/{sequence}/{index}.log",
+    benchmark:
+        "logs/fetch_scan/{sequence}/{index}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_kind("archive"),
+    priority: 10
+    threads: 1
+    resources:
+        mem_mb=500,
+        download=1,
+    params:
+        archive=lambda wildcards: sequence_of(wildcards).archive,
+        cache=lambda wildcards: f"resources/{wildcards.sequence}/archive",
+        drop_non_finite=lambda wildcards: sequence_of(wildcards).drop_non_finite,
+        scans=lambda wildcards: sequence_of(wildcards).scans,
+    script:
+        "../scripts/fetch_scan.py"
 
 
-def folder_files(wildcards):
-    """Scan files and pose file of a folder sequence, known without reading them."""
-    sequence = sequence_of(wildcards)
-    try:
-        return find_folder_files(
-            sequence.folder["path"], sequence.scans, sequence.folder.get("poses")
-        )
-    except DataError as error:
-        raise WorkflowError(f"data.{sequence.key}: {error}") from None
-
-
-def local_archive(wildcards):
-    return sequence_of(wildcards).archive.get("path", [])
+rule fetch_poses:
+    """Fetch the poses of an archive."""
+    input:
+        local_archive,
+    output:
+        "resources/{sequence}/poses.parquet",
+    log:
+        "logs/fetch_poses/{sequence}.log",
+    benchmark:
+        "logs/fetch_poses/{sequence}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_kind("archive"),
+    priority: 10
+    threads: 1
+    resources:
+        mem_mb=500,
+        download=1,
+    params:
+        archive=lambda wildcards: sequence_of(wildcards).archive,
+        cache=lambda wildcards: f"resources/{wildcards.sequence}/archive",
+        scans=lambda wildcards: sequence_of(wildcards).scans,
+    script:
+        "../scripts/fetch_poses.py"
 
 
 rule read_scan:
@@ -31,15 +69,15 @@ rule read_scan:
         "logs/read_scan/{sequence}/{index}.log",
     benchmark:
         "logs/read_scan/{sequence}/{index}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_kind("folder"),
+    priority: 10
     threads: 1
     resources:
         mem_mb=500,
     params:
         code=code_digest("read_scan"),
         drop_non_finite=lambda wildcards: sequence_of(wildcards).drop_non_finite,
-    priority: 10
-    wildcard_constraints:
-        sequence=keys_of_kind("folder"),
     script:
         "../scripts/read_scan.py"
 
@@ -54,15 +92,15 @@ rule read_poses:
         "logs/read_poses/{sequence}.log",
     benchmark:
         "logs/read_poses/{sequence}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_kind("folder"),
+    priority: 10
     threads: 1
     resources:
         mem_mb=500,
     params:
         code=code_digest("read_poses"),
         scans=lambda wildcards: sequence_of(wildcards).scans,
-    priority: 10
-    wildcard_constraints:
-        sequence=keys_of_kind("folder"),
     script:
         "../scripts/read_poses.py"
 
@@ -75,6 +113,10 @@ rule simulate_sequence:
         "logs/simulate_sequence/{sequence}/{part}.log",
     benchmark:
         "logs/simulate_sequence/{sequence}/{part}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_kind("simulated"),
+        part=r"poses|scan_\d+",
+    priority: 10
     threads: 1
     resources:
         mem_mb=1000,
@@ -83,10 +125,6 @@ rule simulate_sequence:
         scans=lambda wildcards: sequence_of(wildcards).scans,
         simulated=lambda wildcards: sequence_of(wildcards).simulated,
         seed=SETTINGS.seed,
-    priority: 10
-    wildcard_constraints:
-        sequence=keys_of_kind("simulated"),
-        part=r"poses|scan_\d+",
     script:
         "../scripts/simulate_sequence.py"
 
@@ -103,12 +141,12 @@ rule measure_overlap:
         "logs/measure_overlap/{sequence}/{reference}-{source}.log",
     benchmark:
         "logs/measure_overlap/{sequence}/{reference}-{source}.tsv"
+    priority: 10
     threads: 1
     resources:
         mem_mb=500,
     params:
         code=code_digest("measure_overlap"),
         distance=SETTINGS.perturbation.overlap_distance,
-    priority: 10
     script:
         "../scripts/measure_overlap.py"

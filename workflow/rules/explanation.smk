@@ -1,17 +1,8 @@
 """From ICP runs to uncertainties and to what each uncertainty source contributes.
 
-Outputs: results/{experiment}/{sequence}/{uncertainty,shap}.parquet,
-results/{experiment}/{uncertainty,shap}.parquet
+Outputs: results/{experiment}/{sequence}/{uncertainty,shap,resampled}.parquet,
+results/{experiment}/{pairs,uncertainty,shap,resampled}.parquet
 """
-
-
-def runs_of_pairs(wildcards):
-    chunks = len(jobs_of(wildcards))
-    return [
-        f"results/{wildcards.experiment}/{wildcards.sequence}/runs/{i}-{j}/{chunk}.parquet"
-        for i, j in pairs_of(wildcards)
-        for chunk in range(chunks)
-    ]
 
 
 rule explain_sequence:
@@ -22,6 +13,7 @@ rule explain_sequence:
     output:
         uncertainty="results/{experiment}/{sequence}/uncertainty.parquet",
         shap="results/{experiment}/{sequence}/shap.parquet",
+        resampled="results/{experiment}/{sequence}/resampled.parquet",
     log:
         "logs/explain_sequence/{experiment}/{sequence}.log",
     benchmark:
@@ -33,14 +25,13 @@ rule explain_sequence:
         code=code_digest("explain_sequence"),
         seed=SETTINGS.seed,
         levels=lambda wildcards: experiment_of(wildcards).levels,
-        estimator=lambda wildcards: asdict(estimator_of(wildcards)),
+        method=lambda wildcards: estimator_of(wildcards).method,
     script:
         "../scripts/explain_sequence.py"
 
 
 rule join_sequences:
     """Put the sequences of an experiment into one table."""
-    localrule: True
     input:
         lambda wildcards: [
             f"results/{wildcards.experiment}/{sequence}/{wildcards.table}.parquet"
@@ -52,10 +43,10 @@ rule join_sequences:
         "logs/join_sequences/{experiment}/{table}.log",
     benchmark:
         "logs/join_sequences/{experiment}/{table}.tsv"
+    wildcard_constraints:
+        table="pairs|uncertainty|shap|resampled",
     threads: 1
     params:
         code=code_digest("join_sequences"),
-    wildcard_constraints:
-        table="uncertainty|shap|pairs",
     script:
         "../scripts/join_sequences.py"

@@ -5,18 +5,6 @@ results/{experiment}/{sequence}/runs/{reference}-{source}/{chunk}.parquet
 """
 
 
-def scans_of_pairs(wildcards):
-    indices = sorted({index for pair in pairs_of(wildcards) for index in pair})
-    return [f"resources/{wildcards.sequence}/scan_{index}.parquet" for index in indices]
-
-
-def overlaps_of_pairs(wildcards):
-    return [
-        f"resources/{wildcards.sequence}/overlap/{reference}-{source}.parquet"
-        for reference, source in pairs_of(wildcards)
-    ]
-
-
 rule check_pairs:
     """List the pairs of a sequence, and stop before any registration if one cannot be perturbed."""
     input:
@@ -29,6 +17,7 @@ rule check_pairs:
         "logs/check_pairs/{experiment}/{sequence}.log",
     benchmark:
         "logs/check_pairs/{experiment}/{sequence}.tsv"
+    priority: 5
     threads: 1
     resources:
         mem_mb=1000,
@@ -38,7 +27,6 @@ rule check_pairs:
         minimum_overlap=SETTINGS.perturbation.minimum_overlap,
         minimum_range=lambda wildcards: estimator_of(wildcards).minimum_range,
         largest_reduction=lambda wildcards: max(experiment_of(wildcards).levels["partial_overlap"]),
-    priority: 5
     script:
         "../scripts/check_pairs.py"
 

@@ -7,29 +7,25 @@ from icpshap.logs import job_log
 from icpshap.sources import NAMES, SOURCES
 
 
-def explain_sequence(paths, output, sequence, levels, estimator, seed):
-    instances = pd.DataFrame(plan.instances(levels), columns=NAMES).rename_axis("instance")
-    fields = explanation.Method.__dataclass_fields__
-    method = explanation.Method(
-        **{key: value for key, value in estimator.items() if key in fields}, seed=seed
-    )
-    parts = []
+def explain_sequence(paths, output, sequence, levels, method, seed):
+    sources = {source.name: source.off for source in SOURCES}
+    instances = pd.DataFrame(plan.instances(levels), columns=NAMES)
+    instances = instances.rename_axis("instance").reset_index()
+    made = {"uncertainty": [], "shap": [], "resampled": [tables.empty("resampled")]}
     for pair in tables.read(paths.pairs, "pairs").itertuples():
         chunks = [path for path in paths.runs if f"/{pair.reference}-{pair.source}/" in path]
-        parts.append(
-            explanation.explain(
-                pd.concat([tables.read(path, "runs") for path in chunks], ignore_index=True),
-                instances.reset_index(),
-                {source.name: source.off for source in SOURCES},
-                method,
-                (sequence, pair.reference, pair.source),
-                pair.reason,
-            )
-        )
-    decided_by = {"seed": seed, "estimator": estimator}
-    for table, frames in zip(("uncertainty", "shap"), zip(*parts, strict=True), strict=True):
-        frame = pd.concat(frames, ignore_index=True)
-        tables.write(output[table], frame, table, decided_by)
+        runs = pd.concat([tables.read(path, "runs") for path in chunks], ignore_index=True)
+        indices = (sequence, pair.reference, pair.source)
+        arguments = (runs, instances, sources, explanation.Method(**method, seed=seed), indices)
+        uncertainty, shap = explanation.explain(*arguments, pair.reason)
+        made["uncertainty"].append(uncertainty)
+        made["shap"].append(shap)
+        if pair.registered:
+            made["resampled"].append(explanation.resampled_values(*arguments))
+    registration = tables.read_metadata(paths.runs[0])["registration"]
+    decided_by = {"seed": seed, "method": method, "registration": registration}
+    for table, frames in made.items():
+        tables.write(output[table], pd.concat(frames, ignore_index=True), table, decided_by)
 
 
 if __name__ == "__main__":
@@ -39,6 +35,6 @@ if __name__ == "__main__":
             snakemake.output,
             snakemake.wildcards.sequence,
             snakemake.params.levels,
-            snakemake.params.estimator,
+            snakemake.params.method,
             snakemake.params.seed,
         )

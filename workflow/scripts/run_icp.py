@@ -1,7 +1,5 @@
 """Run ICP for a share of the settings of a pair."""
 
-import time
-
 from icpshap import estimators, perturbation, provenance, tables
 from icpshap.logs import job_log
 from icpshap.pairs import read_pair
@@ -17,7 +15,7 @@ def run_icp(paths, output, sequence, indices, params):
         decided_by[name] = params[name]
     if not pairs.loc[indices, "registered"]:
         tables.write(output, tables.empty("runs"), "runs", decided_by)
-        return 0
+        return
     runs = estimators.register_settings(
         read_pair(paths.reference, paths.source, paths.poses, paths.overlap, indices),
         [Setting(**{**setting, "values": tuple(setting["values"])}) for setting in params.settings],
@@ -26,19 +24,10 @@ def run_icp(paths, output, sequence, indices, params):
         perturbation.Streams(params.seed, sequence, *indices),
     )
     tables.write(output, runs, "runs", decided_by)
-    return len(runs)
 
 
 if __name__ == "__main__":
-    with job_log(snakemake.log[0]) as terminal:
-        start, wildcards = time.perf_counter(), snakemake.wildcards
+    with job_log(snakemake.log[0]):
+        wildcards = snakemake.wildcards
         indices = (int(wildcards.reference), int(wildcards.source))
-        count = run_icp(
-            snakemake.input, snakemake.output[0], wildcards.sequence, indices, snakemake.params
-        )
-        rate = count / (time.perf_counter() - start)
-        print(
-            f"{wildcards.experiment}: {wildcards.sequence} {wildcards.reference}-"
-            f"{wildcards.source}, part {wildcards.chunk}: {count} runs, {rate:.0f} a second",
-            file=terminal,
-        )
+        run_icp(snakemake.input, snakemake.output[0], wildcards.sequence, indices, snakemake.params)

@@ -5,13 +5,14 @@ from icpshap.logs import job_log
 
 
 def simulate_sequence(part, output, scans, scene, beams, seed):
-    clouds, T_global_scan = simulate.simulate_sequence(scene, scans, beams, seed)
+    T_global_scan = simulate.simulate_poses(scene, scans, seed)
     decided_by = {"seed": seed, "scene": scene, "beams": beams}
     if part == "poses":
         tables.write(output, tables.poses_frame(T_global_scan), "poses", decided_by)
-    else:
-        points = clouds[int(part.removeprefix("scan_"))]
-        tables.write(output, tables.points_frame(points), "scan", decided_by)
+        return
+    index = int(part.removeprefix("scan_"))
+    points = simulate.simulate_scan(scene, index, T_global_scan[index], beams, seed)
+    tables.write(output, tables.points_frame(points), "scan", decided_by)
 
 
 if __name__ == "__main__":

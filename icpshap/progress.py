@@ -1,0 +1,102 @@
+"""What a person sees while the workflow runs: a line per finished job, and the time left."""
+
+import logging
+import time
+
+# What these events of snakemake say, the lines of this module say shorter; its log file keeps them.
+REPLACED = {
+    "workflow_started",
+    "job_info",
+    "job_started",
+    "job_finished",
+    "progress",
+    "resources_info",
+}
+CHATTER = ("Select jobs to execute", "Execute ")
+
+
+def replace_job_lines(logger, progress, is_dry_run):
+    """Let `progress` say on the terminal what `logger`'s own handler would say of jobs.
+
+    A dry run (known only once the workflow is set up) keeps snakemake's lines, which give reasons.
+    """
+    for handler in logger.handlers:
+        if not isinstance(handler, logging.FileHandler):
+            handler.addFilter(lambda record: is_dry_run() or not is_replaced(record))
+    progress.addFilter(lambda record: not is_dry_run())
+    logger.addHandler(progress)
+
+
+def is_replaced(record):
+    """Whether a record only says that a job starts or ends; plans and errors do not."""
+    if record.levelno > logging.INFO:
+        return False
+    return getattr(record, "event", None) in REPLACED or str(record.msg).startswith(CHATTER)
+
+
+class Progress(logging.Handler):
+    """Turns snakemake's events into a line for every finished job.
+
+    `failed` holds the logs of jobs that failed. terminal: where lines go; planned(): the ICP
+    settings and runs of the jobs that will run; settings_and_runs(wildcards): those of one job.
+    """
+
+    def __init__(self, terminal, planned, settings_and_runs, clock=time.monotonic):
+        super().__init__()
+        self.terminal = terminal
+        self.planned = planned
+        self.settings_and_runs = settings_and_runs
+        self.clock = clock
+        self.jobs = {}
+        self.failed = []
+        self.finished = self.total = self.settings = self.runs = 0
+        self.started = None
+
+    def emit(self, record):
+        event = getattr(record, "event", None)
+        if event == "run_info":
+            self.total = record.stats["total"]
+            self.planned_settings, self.planned_runs = self.planned()
+        elif event == "job_info":
+            self.jobs[record.jobid] = (record.rule_name, record.wildcards)
+            if record.rule_name == "run_icp" and self.started is None:
+                self.started = self.clock()
+        elif event == "job_error":
+            self.failed += record.log
+        elif event == "job_finished":
+            self.finished += 1
+            rule, wildcards = self.jobs.get(record.job_id, ("all", {}))
+            if rule != "all":
+                print(self.line(rule, wildcards), file=self.terminal, flush=True)
+
+    def line(self, rule, wildcards):
+        """What is said of a job that has just finished."""
+        count = f"[{self.finished:>{len(str(self.total))}}/{self.total}]"
+        text = f"{count} {rule} {' '.join(map(str, wildcards.values()))}"
+        if rule != "run_icp":
+            return text
+        settings, runs = self.settings_and_runs(wildcards)
+        self.settings += settings
+        self.runs += runs
+        rate = self.runs / max(self.clock() - self.started, 1e-9)
+        left = duration((self.planned_runs - self.runs) / rate)
+        return (
+            f"{text}: {self.settings} of {self.planned_settings} settings, "
+            f"{rate:,.0f} ICP runs a second, {left} left"
+        )
+
+
+def failure(logs):
+    """What a run that failed ends with; logs: those of the jobs that failed."""
+    where = "".join(f"\n  {log}" for log in logs)
+    return (
+        f"{len(logs)} job(s) failed; what they said is in{where}\n"
+        "Hint: mend the cause and run the same command again; finished jobs are kept."
+    )
+
+
+def duration(seconds):
+    """Seconds as in '1:02:03' or '2:03'."""
+    minutes, seconds = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"

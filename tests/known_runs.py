@@ -1,0 +1,77 @@
+"""Runs tables whose distribution is known: Gaussian pose errors under common random numbers."""
+
+import itertools
+
+import numpy as np
+import pandas as pd
+
+from icpshap import divergence
+from icpshap.tables import INITIAL_XI, XI
+
+SOURCES = {"sensor_noise": 0.0, "initial_pose": 1.0, "partial_overlap": 0.0}
+LEVELS = {"sensor_noise": [0.0, 0.05], "initial_pose": [1.0, 1.5], "partial_overlap": [0.0, 0.05]}
+SHARED = 1e-3 * np.array([0.8, 0.9, 1.0, 1.5, 2.0, 1.0])
+# Standard deviation that a source adds at full level: (value - reference) / unit.
+ADDED = {
+    "sensor_noise": 1e-3 * np.array([2.0, 1.0, 1.5, 3.0, 3.0, 1.0]),
+    "initial_pose": 1e-3 * np.array([0.0, 0.5, 0.2, 0.5, 0.0, 1.0]),
+    "partial_overlap": 1e-3 * np.array([0.8, 0.0, 1.2, 1.0, 2.0, 0.5]),
+}
+UNIT = {"sensor_noise": 0.05, "initial_pose": 0.5, "partial_overlap": 0.05}
+OFFSET = np.array([0.1, 0.0, 0.05, 0.3, 0.1, 0.0])
+
+
+def instances(levels=LEVELS, full=False):
+    """All combinations of the levels, or only the last of them."""
+    values = list(itertools.product(*levels.values()))[slice(None) if full else slice(-1, None)]
+    return pd.DataFrame(values, columns=list(levels)).rename_axis("instance").reset_index()
+
+
+def runs_table(seed=0, levels=LEVELS, n=100, noise_draws=1, wrong=(), failed=(), replicates=1):
+    """Runs of all combinations of the levels, and of the clean setting again.
+
+    wrong: runs in a wrong basin in every setting; failed: (setting number, run) pairs.
+    """
+    frames = []
+    for replicate in range(replicates):
+        generator = np.random.default_rng([seed, replicate])
+        draws = {
+            again: {
+                name: generator.standard_normal((n, 6)) for name in ("shared", "initial", *levels)
+            }
+            for again in (0, 1)
+        }
+        settings = [(0, values) for values in itertools.product(*levels.values())]
+        settings.append((1, tuple(SOURCES.values())))
+        for number, (again, values) in enumerate(settings):
+            xi = draws[again]["shared"] * SHARED
+            for name, value in zip(levels, values, strict=True):
+                amount = (value - SOURCES[name]) / UNIT[name]
+                xi = xi + amount * draws[again][name] * ADDED[name]
+            xi[list(wrong)] += OFFSET
+            status = np.full(n, "ok", dtype=object)
+            lost = [run for setting, run in failed if setting == number]
+            status[lost], xi[lost] = "too_few_links", np.nan
+            frame = pd.DataFrame(xi, columns=XI)
+            frame[INITIAL_XI] = 0.1 * draws[again]["initial"]
+            frames.append(
+                frame.assign(
+                    **dict(zip(levels, values, strict=True)),
+                    replicate=replicate,
+                    draws=again,
+                    run=np.arange(n),
+                    noise_draw=np.arange(n) * noise_draws // n,
+                    status=status,
+                    wrong_basin=divergence.wrong_basin(xi, 0.1, np.deg2rad(2.0)),
+                )
+            )
+    return pd.concat(frames, ignore_index=True)
+
+
+def true_game():
+    """f of the 8 coalitions of the last combination of LEVELS, for infinitely many runs."""
+    games = []
+    for coalition in range(8):
+        on = [name for a, name in enumerate(LEVELS) if coalition >> a & 1]
+        games.append(np.diag(SHARED**2 + sum(ADDED[name] ** 2 for name in on)))
+    return divergence.kullback_leibler(games[0], np.array(games))

@@ -1,0 +1,253 @@
+"""The whole workflow, as a user runs it, on tiny clouds."""
+
+import shutil
+
+import pandas as pd
+import pytest
+import yaml
+from conftest import REPOSITORY
+from project import TINY, Project, change
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A project in which the tiny experiments have run, and what snakemake said."""
+    project = Project(tmp_path_factory.mktemp("finished"))
+    project.said = project.tiny()
+    return project
+
+
+@pytest.fixture
+def project(tmp_path):
+    return Project(tmp_path)
+
+
+def test_everything_is_made(finished):
+    results = finished.folder / "results"
+    for experiment in ("tiny_grid", "tiny_fixed"):
+        for table in ("uncertainty", "shap"):
+            assert (results / experiment / f"{table}.parquet").is_file()
+    shap = pd.read_parquet(results / "tiny_grid" / "shap.parquet")
+    assert len(shap) == 8
+    phi = [f"phi_{name}" for name in ("sensor_noise", "initial_pose", "partial_overlap")]
+    total = shap[phi].sum(axis=1) + shap["base_value"]
+    assert total.to_numpy() == pytest.approx(shap["f"].to_numpy())
+    assert shap["f"].iloc[-1] > 1
+    fixed = pd.read_parquet(results / "tiny_fixed" / "shap.parquet")
+    assert list(fixed["sequence"]) == ["tiny_room", "tiny_stairs", "tiny_stairs"]
+
+
+def test_logs_are_written_where_the_rule_says(finished):
+    logs = finished.folder / "logs"
+    assert (logs / "run_icp" / "tiny_grid" / "tiny_room" / "0-1" / "0.log").is_file()
+    said = (logs / "check_pairs" / "tiny_grid" / "tiny_room.log").read_text()
+    assert "scans 0 and 1: overlap 0." in said
+
+
+def test_a_second_run_has_nothing_to_do(finished):
+    assert "Nothing to be done" in finished.tiny()
+
+
+def test_one_sequence_and_then_all_again_registers_nothing_twice(finished):
+    before = finished.digests("results/*/*/runs/**/*.parquet")
+    stamps = {path: (finished.folder / path).stat().st_mtime_ns for path in before}
+    restricted = finished.tiny("--config", "sequences=[tiny_stairs]")
+    assert "run_icp" not in restricted
+    assert (finished.folder / "results/tiny_fixed/tiny_stairs/shap.parquet").is_file()
+    assert "Skipping tiny_grid: none of its sequences (tiny_room) is selected." in restricted
+    assert "run_icp" not in finished.planned("--configfile", "tiny.yaml")
+    assert {path: (finished.folder / path).stat().st_mtime_ns for path in before} == stamps
+
+
+def test_forcing_one_sequence_leaves_the_others_alone(finished):
+    plan = finished.run(
+        "-n",
+        "--configfile",
+        "tiny.yaml",
+        "--config",
+        "sequences=[tiny_stairs]",
+        "--forcerun",
+        "run_icp",
+    )
+    assert "tiny_stairs" in plan
+    assert "runs/0-1" in plan
+    assert "tiny_room" not in plan.replace("(tiny_room)", "")
+
+
+def test_same_bytes_with_other_cores_and_other_chunks(finished, project):
+    project.tiny("--config", "runs_per_job=10000", cores=1)
+    for pattern in ("results/*/*.parquet", "results/*/*/*.parquet", "resources/**/*.parquet"):
+        found = project.digests(pattern)
+        expected = finished.digests(pattern)
+        assert found
+        assert found == {path: expected[path] for path in found}
+    assert len(project.digests("results/tiny_grid/**/runs/**/*.parquet")) == 1
+    assert len(finished.digests("results/tiny_grid/**/runs/**/*.parquet")) > 1
+
+
+class TestWhatRunsAgain:
+    """Changes plan the jobs that they concern, and no registration that they do not."""
+
+    @pytest.fixture
+    def edited(self, finished, tmp_path):
+        yield finished.with_copied_code(tmp_path)
+        shutil.copy(TINY, finished.folder)
+
+    def planned(self, project):
+        return project.planned("--configfile", "tiny.yaml")
+
+    def test_the_same_code_elsewhere_computes_nothing_again(self, edited):
+        reads_the_papers_numbers = {"median_table", "compare_with_paper", "report"}
+        others = {"all", "total", "provenance"}
+        assert set(self.planned(edited)) <= reads_the_papers_numbers | others
+
+    def test_the_settings_of_a_figure_plan_no_registration(self, edited):
+        change(edited.folder / "tiny.yaml", "figures: [summary, waterfall,", "figures: [waterfall,")
+        assert not {"run_icp", "explain_sequence"} & set(self.planned(edited))
+
+    def test_another_divergence_plans_no_registration(self, edited):
+        change(
+            edited.folder / "tiny.yaml",
+            "    runs: 60",
+            "    runs: 60\n    divergence: symmetric_kl",
+        )
+        planned = self.planned(edited)
+        assert planned["explain_sequence"] == 3
+        assert "run_icp" not in planned
+
+    def test_another_sequence_registers_only_itself(self, edited):
+        change(
+            edited.folder / "tiny.yaml",
+            "estimators:",
+            "  tiny_plain:\n    scans: 2\n    simulated: {scene: plain, beams: 6000}\nestimators:",
+        )
+        change(edited.folder / "tiny.yaml", "tiny_stairs]\nrun", "tiny_stairs, tiny_plain]\nrun")
+        change(
+            edited.folder / "tiny.yaml", "[tiny_room, tiny_stairs]\n    inst", "&all [x]\n    inst"
+        )
+        change(edited.folder / "tiny.yaml", "&all [x]", "[tiny_room, tiny_stairs, tiny_plain]")
+        planned = self.planned(edited)
+        assert planned["run_icp"] == 2
+
+    def test_more_runs_register_again(self, edited):
+        change(edited.folder / "tiny.yaml", "runs: 60", "runs: 70")
+        assert self.planned(edited)["run_icp"] > 3
+
+    def test_editing_the_engine_registers_again(self, edited):
+        change(edited.code / "icpshap/se3.py", "result[..., 3, 3] = 1.0", "result[..., 3, 3] = 2.0")
+        assert self.planned(edited)["run_icp"] > 3
+
+    def test_editing_a_figure_plans_figures_alone(self, edited):
+        change(edited.code / "icpshap/figures/style.py", "import ", "import json  # noqa\nimport ")
+        planned = self.planned(edited)
+        assert planned["draw_figure"] > 3
+        assert not {"run_icp", "explain_sequence", "measure_overlap"} & set(planned)
+
+    def test_editing_a_comment_does_not(self, edited):
+        change(edited.code / "icpshap/se3.py", '"""Adjoint', '"""The adjoint')
+        assert "run_icp" not in self.planned(edited)
+
+
+def test_a_dry_run_needs_no_data_and_no_network(project):
+    planned = project.planned()
+    sequences = yaml.safe_load((REPOSITORY / "config.yaml").read_text())["sequences"]
+    pairs = 267
+    assert planned["measure_overlap"] == pairs
+    assert planned["explain_sequence"] == 1 + len(sequences)
+    assert planned["run_icp"] >= pairs
+
+
+class TestBadInput:
+    """One clear message, before any registration."""
+
+    @pytest.fixture
+    def own(self, project):
+        """A project with a folder of own scans."""
+        import numpy as np
+
+        folder = project.folder / "scans"
+        folder.mkdir()
+        generator = np.random.default_rng(0)
+        for index in range(2):
+            points = generator.uniform(2, 6, (1500, 3))
+            pd.DataFrame(points, columns=list("xyz")).to_csv(folder / f"s{index}.csv", index=False)
+        pose = "1 0 0 0 0 1 0 0 0 0 1 0\n"
+        (folder / "poses.txt").write_text(2 * pose)
+        config = yaml.safe_load(TINY.read_text())
+        config["data"] = {"own": {"scans": 2, "folder": {"path": "scans"}}}
+        config["experiments"]["tiny_fixed"]["sequences"] = ["own"]
+        config["experiments"]["tiny_fixed"]["figures"] = []
+        del config["experiments"]["tiny_grid"]
+        config |= {"sequences": ["own"], "run": ["tiny_fixed"]}
+        (project.folder / "tiny.yaml").write_text(yaml.safe_dump(config))
+        return project
+
+    def fails(self, project, *arguments):
+        said = project.tiny(*arguments, fails=True)
+        assert "Traceback" not in said
+        assert not list(project.folder.glob("results/**/runs"))
+        return said
+
+    def test_unknown_sequence(self, project):
+        said = self.fails(project, "--config", "sequences=[tiny_stair]")
+        assert "unknown name 'tiny_stair', did you mean 'tiny_stairs'?" in said
+
+    def test_nan_rows(self, own):
+        path = own.folder / "scans" / "s1.csv"
+        path.write_text(path.read_text() + "nan,1,1\n1,inf,1\n")
+        said = self.fails(own)
+        assert "s1.csv" in said
+        assert "2 " in said
+
+    def test_cut_off_scan(self, own):
+        path = own.folder / "scans" / "s1.csv"
+        path.write_text(path.read_text()[:-30])
+        assert "s1.csv" in self.fails(own)
+
+    def test_empty_scan(self, own):
+        (own.folder / "scans" / "s0.csv").write_text("")
+        assert "s0.csv" in self.fails(own)
+
+    def test_a_pose_too_few(self, own):
+        path = own.folder / "scans" / "poses.txt"
+        path.write_text(path.read_text().splitlines()[0] + "\n")
+        said = self.fails(own)
+        assert "poses.txt" in said
+        assert "1" in said
+
+    def test_missing_scan(self, own):
+        (own.folder / "scans" / "s1.csv").unlink()
+        assert "scans: 2" in self.fails(own)
+
+    def test_missing_folder(self, own):
+        shutil.rmtree(own.folder / "scans")
+        assert "data.own: scans: no such folder" in self.fails(own)
+
+    def test_larger_reduction_than_overlap(self, own):
+        path = own.folder / "scans" / "poses.txt"
+        first, _ = path.read_text().splitlines()
+        path.write_text(first + "\n" + first.replace("1 0 0 0 ", "1 0 0 2.5 ", 1) + "\n")
+        change(own.folder / "tiny.yaml", "partial_overlap: 0.05", "partial_overlap: 0.9")
+        assert "is larger than their overlap ratio" in self.fails(own)
+
+
+def test_real_pair(project, real_data):
+    """First run on real input: sensor noise decides, as in the paper."""
+    config = yaml.safe_load(TINY.read_text())
+    config["data"] = {
+        "pair": {"scans": 2, "folder": {"path": str(real_data / "apartment_pair")}},
+    }
+    config["estimators"] = {"quarter": {"based_on": "paper", "subsampling_probability": 0.25}}
+    config["experiments"] = {
+        "real": {
+            "based_on": "same_perturbation",
+            "estimator": "quarter",
+            "sequences": ["pair"],
+        }
+    }
+    config |= {"sequences": ["pair"], "run": ["real"]}
+    (project.folder / "tiny.yaml").write_text(yaml.safe_dump(config))
+    project.tiny()
+    shap = pd.read_parquet(project.folder / "results" / "real" / "shap.parquet").iloc[0]
+    others = [abs(shap["phi_initial_pose"]), abs(shap["phi_partial_overlap"])]
+    assert shap["phi_sensor_noise"] > 5 * max(others)
