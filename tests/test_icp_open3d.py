@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from icpshap import icp, se3
 from icpshap.open3d_loader import load_open3d
-from icpshap.simulate import simulate_sequence
+from icpshap.simulate import simulate_poses, simulate_scan
 
 RUNS = 100
 DISTANCE = 1.0  # m, of the longest link
@@ -33,8 +33,9 @@ def pair(request):
         ]
         T = np.eye(4)
     else:
-        clouds, T_global_local = simulate_sequence("apartment", scans=2, beams=1800, seed=3)
-        T = se3.inverse(T_global_local[0]) @ T_global_local[1]
+        T_global_scan = simulate_poses("apartment", scans=2, seed=3)
+        clouds = [simulate_scan("apartment", k, T_global_scan[k], 1800, seed=3) for k in range(2)]
+        T = se3.inverse(T_global_scan[0]) @ T_global_scan[1]
     clouds = [cloud[icp.minimum_range(cloud, 1.0)] for cloud in clouds]
     centre = clouds[0].mean(axis=0)
     clouds[0] = clouds[0] - centre

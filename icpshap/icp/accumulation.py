@@ -24,7 +24,7 @@ from icpshap.icp.minimisers import FEATURES, write_features
 from icpshap.icp.trimming import ROOM, SAMPLE, predicted_bands, sampled_bands, select
 
 REPEATED = 64  # runs repeated together with a band that holds all of their links
-BLOCK = 512  # source points; also fixes the partial sums, so results depend on it in the last bit
+BLOCK = 1024  # source points; also fixes the partial sums, so results depend on it in the last bit
 
 
 class Batch(NamedTuple):

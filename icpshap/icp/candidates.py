@@ -21,14 +21,14 @@ from typing import NamedTuple
 import numpy as np
 
 from icpshap.icp import kdtree
-from icpshap.icp.compiled import jit
+from icpshap.icp.compiled import jit, prefetch
 
 UNFILLED = -1
 SIDE = 24.0  # of the coarsest cubes, in median distances to the sixth neighbour
 COARSEST_CUBES = 2**22  # at most about this many; larger cubes where space is mostly empty
 LEVELS = 5  # sizes of cubes
-SHORT = 24  # a list this short is never split
-WORTH_SPLITTING = 16384  # candidates scanned in a cube before it is split
+SHORT = 40  # a list this short is never split
+WORTH_SPLITTING = 32_768  # candidates scanned in a cube before it is split
 PACKED = 255  # longest list whose positions fit beside a squared distance (see matching)
 DOMINATORS = 8  # points beyond the k nearest to the centre that are tried as the nearer point
 HEADER = 3  # integers before the points of a list record: length, candidates scanned, group
@@ -191,13 +191,16 @@ def locate(tree, lists, matches, x, y, z, count, where):
                         best,
                         best_distance,
                     )
-                entry = -2 - record
+                entry = -2 - 2 * record - (records[record] > SHORT)
                 cells[cell] = entry
             if entry < 0:
-                record = -2 - entry
-                length = records[record]
-                if length <= SHORT or level == 0:
+                # An even entry is final: its record need not be read here, only sent for.
+                record = (-2 - entry) >> 1
+                if entry & 1 == 0 or level == 0:
+                    prefetch(records, record)
+                    prefetch(records, record + 16)
                     break
+                length = records[record]
                 records[record + 1] += length
                 if records[record + 1] < WORTH_SPLITTING and length <= PACKED:
                     break
