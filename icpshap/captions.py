@@ -164,8 +164,8 @@ def basins(table, study):
 
 
 def floor_sensitivity(table):
-    """How far the covariance floor decides the Shapley values; said where a warning is."""
-    doubtful = valued(table[table.warning != ""])
+    """How far the covariance floor decides the Shapley values, where a warning is about it."""
+    doubtful = valued(table[table.warning.str.contains("of the clean variance")])
     if len(doubtful) == 0:
         return []
     parts = []

@@ -159,7 +159,9 @@ def _warnings(replicates, rows, n_used, n_right_basin, f_again, method):
     for n, right in zip(n_used, n_right_basin, strict=True):
         found = [remarks(n, floor_share, memory)]
         if right < MINIMUM_RUNS <= n:
-            found.append(f"only {right} runs are never in a wrong basin: no value without those")
+            found.append(
+                f"fewer than {MINIMUM_RUNS} runs are never in a wrong basin: no value without those"
+            )
         if n >= MINIMUM_RUNS and f_again > null_quantile(method, n, AGAIN_PROBABILITY):
             found.append(
                 f"two clean samples differ by {f_again:.2g}, more than Gaussian ones would: a few "

@@ -120,7 +120,7 @@ def test_too_few_runs_outside_wrong_basins_are_named():
     row = explain_one(runs)
     assert row["n_used"] == 100
     assert np.isnan(row["f_right_basin"])
-    assert row["warning"] == "only 45 runs are never in a wrong basin: no value without those"
+    assert row["warning"] == "fewer than 50 runs are never in a wrong basin: no value without those"
 
 
 def test_floor_variants_are_the_values_with_another_floor():
