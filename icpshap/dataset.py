@@ -7,6 +7,7 @@ is a `DataError`.
 
 import re
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -30,6 +31,8 @@ LEICA_HEADER = [
     *(f"T{row}{column}" for row in range(4) for column in range(4)),
 ]
 SCAN_SUFFIXES = (".csv", ".ply", ".pcd")
+MINIMUM_SCANS = 2  # the reference and the source of one pair
+GET_AGAIN = "the file may be cut off or edited; get or export it again."
 
 
 class DataError(ValueError):
@@ -73,7 +76,7 @@ def find_folder_files(folder, scans, pose_file=None):
 
 
 def _data_set_scans(folder, scans):
-    paths = [folder / f"Hokuyo_{index}.csv" for index in range(scans)]
+    paths = [folder / name for name in _scan_names(scans)]
     missing = [path.name for path in paths if not path.is_file()]
     found = len(list(folder.glob("Hokuyo_*.csv")))
     if missing or found != scans:
@@ -81,9 +84,21 @@ def _data_set_scans(folder, scans):
         raise DataError(
             f"{folder}: {found} files Hokuyo_<i>.csv, but the configuration says `scans: {scans}`"
             f" (numbered from 0 without gaps){example}.",
-            f"complete the folder, or set `scans: {found}` if these are all.",
+            _scans_hint(found, all((folder / name).is_file() for name in _scan_names(found))),
         )
     return paths
+
+
+def _scan_names(scans):
+    return [f"Hokuyo_{index}.csv" for index in range(scans)]
+
+
+def _scans_hint(found, without_gaps):
+    if not without_gaps:
+        return "complete the folder, or number the files, and their poses, from 0 without gaps."
+    if found < MINIMUM_SCANS:
+        return f"complete the folder; at least {MINIMUM_SCANS} scans are needed."
+    return f"complete the folder, or set `scans: {found}` if these are all."
 
 
 def _data_set_pose_file(folder):
@@ -134,7 +149,7 @@ def _own_scans(folder, scans, pose_path):
         raise DataError(
             f"{folder}: {len(paths)} scans ({', '.join(kinds or SCAN_SUFFIXES)}),"
             f" but the configuration says `scans: {scans}`.",
-            f"set `scans: {len(paths)}` if these are all."
+            _scans_hint(len(paths), without_gaps=True)
             if paths
             else "set `folder: {path: ...}` to the one that holds the scans.",
         )
@@ -204,24 +219,105 @@ def _read_csv(path):
 
 def _csv_error(path, names, message):
     """DataError for what pyarrow's parser says."""
-    again = "the file may be cut off or edited; get or export it again."
     if match := re.search(r"Row #(\d+): Expected (\d+) columns, got (\d+)", message):
         line, expected, found = match.groups()
-        return DataError(f"{path}, line {line}: {found} columns, expected {expected}.", again)
+        return DataError(f"{path}, line {line}: {found} columns, expected {expected}.", GET_AGAIN)
     if match := re.search(r"column #(\d+): Row #(\d+): .* invalid value '(.*)'", message, re.S):
         column, line, value = match.groups()
         return DataError(
-            f"{path}, line {line}, column {names[int(column)]}: {value!r} is not a number.", again
+            f"{path}, line {line}, column {names[int(column)]}: {value!r} is not a number.",
+            GET_AGAIN,
         )
-    return DataError(f"{path}: {message}", again)
+    return DataError(f"{path}: {message}", GET_AGAIN)
 
 
 def _read_point_cloud(path, suffix):
-    _require_complete(path, suffix)
+    read_header = _ply_header if suffix == ".ply" else _pcd_header
+    with path.open("rb") as file:
+        try:
+            header = read_header(file)
+        except (KeyError, ValueError, IndexError):
+            raise DataError(
+                f"{path}: no readable {suffix} header (of a cloud with plain x, y, z columns).",
+                "the file may be empty, cut off or of another format; export it again.",
+            ) from None
+        header_bytes = file.tell()
+        body = file.read()
+        file.seek(0)
+        header_lines = file.read(header_bytes).count(b"\n")
+    if missing := [axis for axis in "xyz" if axis not in header.columns]:
+        raise DataError(
+            f"{path}: no column {', '.join(missing)} in the header; its columns are"
+            f" {', '.join(header.columns) or 'none'}.",
+            "a scan needs the columns x, y and z, in lower case; rename them or export with them.",
+        )
+    if header.encoding == "ascii":
+        return _ascii_points(path, header, body, header_lines)
+    _require_complete(path, header, body)
     open3d = load_open3d()
     with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
         cloud = open3d.io.read_point_cloud(str(path), format=suffix[1:])
     return np.array(cloud.points)
+
+
+class _Header(NamedTuple):
+    points: int
+    encoding: str
+    columns: list  # their names, in the order of a row
+    row_bytes: int
+
+
+def _ascii_points(path, header, body, header_lines):
+    """Points (n, 3) of the text after a header.
+
+    Not read with Open3D: at a token that is no number, its readers silently leave the points
+    zero or whatever is in memory.
+    """
+    lines = body.decode("ascii", errors="replace").split("\n")
+    rows = [(number, line.split()) for number, line in enumerate(lines, start=header_lines + 1)]
+    rows = [(number, cells) for number, cells in rows if cells][: header.points]
+    if len(rows) < header.points or (rows and len(rows[-1][1]) < len(header.columns)):
+        raise _cut_off(path, header)
+    values = [_row_values(path, number, cells, header.columns) for number, cells in rows]
+    order = [header.columns.index(axis) for axis in "xyz"]
+    return np.array(values, dtype=float).reshape(-1, len(header.columns))[:, order]
+
+
+def _row_values(path, number, cells, columns):
+    if len(cells) != len(columns):
+        raise DataError(
+            f"{path}, line {number}: {len(cells)} columns, expected {len(columns)}.", GET_AGAIN
+        )
+    values = []
+    for name, cell in zip(columns, cells, strict=True):
+        try:
+            # Python's 1_0 is no number in a file.
+            values.append(float(cell.replace("_", "?")))
+        except ValueError:
+            raise DataError(
+                f"{path}, line {number}, column {name}: {cell!r} is not a number.", GET_AGAIN
+            ) from None
+    return values
+
+
+def _require_complete(path, header, body):
+    """Raise DataError if a binary file holds less than its header says.
+
+    Open3D fills the missing points with whatever is in memory.
+    """
+    if header.encoding == "binary_compressed":
+        expected_bytes = 8 + int.from_bytes(body[:4], "little")
+    else:
+        expected_bytes = header.points * header.row_bytes
+    if len(body) < expected_bytes:
+        raise _cut_off(path, header)
+
+
+def _cut_off(path, header):
+    return DataError(
+        f"{path}: the header says {header.points} points, but the file ends before the last one.",
+        "the file is cut off; copy or export it again.",
+    )
 
 
 PLY_BYTES = {
@@ -230,34 +326,6 @@ PLY_BYTES = {
     **dict.fromkeys(("int", "uint", "int32", "uint32", "float", "float32"), 4),
     **dict.fromkeys(("double", "float64"), 8),
 }
-
-
-def _require_complete(path, suffix):
-    """Raise DataError if a .ply or .pcd file holds less than its header says.
-
-    Open3D fills the missing points with whatever is in memory.
-    """
-    read_header = _ply_header if suffix == ".ply" else _pcd_header
-    with path.open("rb") as file:
-        try:
-            points, encoding, columns, row_bytes = read_header(file)
-        except (KeyError, ValueError, IndexError):
-            raise DataError(
-                f"{path}: no readable {suffix} header (of a cloud with plain x, y, z columns).",
-                "the file may be empty, cut off or of another format; export it again.",
-            ) from None
-        body = file.read()
-    if encoding == "ascii":
-        complete = len(body.split()) >= points * columns
-    elif encoding == "binary_compressed":
-        complete = len(body) >= 8 + int.from_bytes(body[:4], "little")
-    else:
-        complete = len(body) >= points * row_bytes
-    if not complete:
-        raise DataError(
-            f"{path}: the header says {points} points, but the file ends before the last one.",
-            "the file is cut off; copy or export it again.",
-        )
 
 
 def _header_lines(file, last):
@@ -271,8 +339,8 @@ def _header_lines(file, last):
 
 
 def _ply_header(file):
-    """(points, encoding, columns, bytes a point); the vertices come first in the body."""
-    points, encoding, sizes, element = None, None, [], None
+    """`_Header`; the vertices come first in the body."""
+    points, encoding, columns, row_bytes, element = None, None, [], 0, None
     for words in _header_lines(file, "end_header"):
         if words[0] == "format":
             encoding = words[1]
@@ -283,19 +351,21 @@ def _ply_header(file):
             elif points is None:
                 raise ValueError("vertices are not the first element")
         elif words[0] == "property" and element == "vertex":
-            sizes.append(PLY_BYTES[words[1]])
+            row_bytes += PLY_BYTES[words[1]]
+            columns.append(words[2])
     if points is None or encoding is None:
         raise ValueError("no vertices")
-    return points, encoding, len(sizes), sum(sizes)
+    return _Header(points, encoding, columns, row_bytes)
 
 
 def _pcd_header(file):
-    """(points, encoding, columns, bytes a point)."""
     entries = {words[0]: words[1:] for words in _header_lines(file, "DATA")}
+    names = entries["FIELDS"]
     sizes = [int(size) for size in entries["SIZE"]]
     counts = [int(count) for count in entries.get("COUNT", ["1"] * len(sizes))]
+    columns = [name for name, count in zip(names, counts, strict=True) for _ in range(count)]
     row_bytes = sum(size * count for size, count in zip(sizes, counts, strict=True))
-    return int(entries["POINTS"][0]), entries["DATA"][0], sum(counts), row_bytes
+    return _Header(int(entries["POINTS"][0]), entries["DATA"][0], columns, row_bytes)
 
 
 def check_scan(points, minimum_range, where):
@@ -341,7 +411,10 @@ def read_poses(path, scans):
         raise DataError(
             f"{path}: {len(poses)} poses, but the configuration says `scans: {scans}`.",
             f"a pose is needed for every scan; if the file is right, change `scans: {scans}` to"
-            f" `scans: {len(poses)}` in this sequence's entry under `data`.",
+            f" `scans: {len(poses)}` in this sequence's entry under `data`."
+            if len(poses) >= MINIMUM_SCANS
+            else f"a pose is needed for every scan, and at least {MINIMUM_SCANS} scans; the file"
+            " may be cut off.",
         )
     return poses
 

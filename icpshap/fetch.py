@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from icpshap.citation import DOI
-from icpshap.dataset import LEICA_NAME, LEICA_PLACES, DataError
+from icpshap.dataset import LEICA_NAME, LEICA_PLACES, MINIMUM_SCANS, DataError
 from icpshap.remote_file import RangeIgnoredError, RemoteFile, Window, amount, say
 
 BY_HAND = (
@@ -155,11 +155,21 @@ class Archive:
         found = len(self._scans)
         if missing or found != scans:
             example = f"; missing: {', '.join(map(str, missing[:5]))}" if missing else ""
+            if found < MINIMUM_SCANS or set(self._scans) != set(range(found)):
+                hint = (
+                    f"at least {MINIMUM_SCANS} scans, numbered from 0 without gaps, are needed; get"
+                    " the archive again, or extract it, number its scans and poses so, and set"
+                    " `archive: null` and `folder: {path: ...}`."
+                )
+            else:
+                hint = (
+                    f"change `scans: {scans}` to `scans: {found}` in this sequence's entry under"
+                    " `data`."
+                )
             raise DataError(
                 f"{self._source}: {found} scans in the archive, but the configuration says"
-                f" `scans: {scans}`{example}.",
-                f"change `scans: {scans}` to `scans: {found}` in this sequence's entry under"
-                " `data`.",
+                f" `scans: {scans}` (numbered from 0 without gaps){example}.",
+                hint,
             )
 
     def extract_scan(self, index, destination):

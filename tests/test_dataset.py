@@ -79,6 +79,90 @@ def test_text_that_is_no_point_cloud(tmp_path):
     assert "no readable .pcd header" in problem(written(tmp_path / "a.pcd", "hello\n"), ": no ")
 
 
+PLY = """ply
+format ascii 1.0
+comment a scan
+element vertex 3
+property float intensity
+property float x
+property float y
+property uchar z
+element face 1
+property list uchar int vertex_indices
+end_header
+0 1 2 3
+{row}
+0 7 8 9
+3 0 1 2
+"""
+PCD = """VERSION 0.7
+FIELDS intensity x y z
+SIZE 4 4 4 4
+TYPE F F F F
+COUNT 1 1 1 1
+WIDTH 3
+HEIGHT 1
+VIEWPOINT 0 0 0 1 0 0 0
+POINTS 3
+DATA ascii
+0 1 2 3
+{row}
+0 7 8 9
+"""
+ASCII = [("a.ply", PLY, 13), ("a.pcd", PCD, 12)]  # and the line of the row
+
+
+@pytest.mark.parametrize(("name", "text", "line"), ASCII)
+def test_ascii_columns_are_found_by_name(tmp_path, name, text, line):
+    path = written(tmp_path / name, text.format(row="\t-1  4 5e0 +6.5 \r\n"))
+    expected = [[1, 2, 3], [4, 5, 6.5], [7, 8, 9]]
+    np.testing.assert_array_equal(dataset.read_scan(path)[0], expected)
+
+
+@pytest.mark.parametrize(("name", "text", "line"), ASCII)
+@pytest.mark.parametrize(
+    ("row", "expected"),
+    [
+        ("0 4 abc 6", ", column y: 'abc' is not a number."),
+        ("0 4 5 6_0", ", column z: '6_0' is not a number."),
+        ("abc 4 5 6", ", column intensity: 'abc' is not a number."),
+        ("0 4 5", ": 3 columns, expected 4."),
+        ("0 4 5 6 7", ": 5 columns, expected 4."),
+    ],
+)
+def test_ascii_row_that_does_not_fit(tmp_path, name, text, line, row, expected):
+    path = written(tmp_path / name, text.format(row=row))
+    assert "get or export it again" in problem(path, f", line {line}{expected}")
+
+
+@pytest.mark.parametrize(("name", "text", "line"), ASCII)
+def test_ascii_rows_that_are_not_finite_are_counted(tmp_path, name, text, line):
+    path = written(tmp_path / name, text.format(row="0 4 nan 6"))
+    problem(path, ": 1 of 3 rows are not finite (NaN or infinite x, y or z), the first is row 2")
+    points, dropped = dataset.read_scan(path, drop_non_finite=True)
+    assert points.tolist() == [[1, 2, 3], [7, 8, 9]] and dropped == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "old", "new"),
+    [
+        ("a.ply", PLY, "float x\nproperty float y", "float X\nproperty float Y"),
+        ("a.ply", PLY.replace("ascii", "binary_little_endian"), "float x\nproperty float y",
+         "float X\nproperty float Y"),
+        ("a.pcd", PCD, "intensity x y z", "intensity X Y z"),
+    ],
+)  # fmt: skip
+def test_point_cloud_without_the_columns(tmp_path, name, text, old, new):
+    path = written(tmp_path / name, text.replace(old, new).format(row="0 4 5 6"))
+    message = problem(path, ": no column x, y in the header; its columns are intensity, X, Y, z.")
+    assert "needs the columns x, y and z, in lower case" in message
+
+
+def test_point_cloud_of_no_points(tmp_path):
+    text = PCD.replace("POINTS 3", "POINTS 0").replace("WIDTH 3", "WIDTH 0")
+    problem(written(tmp_path / "a.pcd", text[: text.index("0 1 2 3")]), ": no points.")
+
+
 @pytest.mark.parametrize("text", ["", "\n", "1,2,3\n4,5,6\n", "x;y;z\n1;2;3\n", "X,Y,Z\n1,2,3\n"])
 def test_csv_without_the_columns(tmp_path, text):
     path = written(tmp_path / "a.csv", text)
@@ -215,6 +299,14 @@ def test_pose_count_names_the_line_to_change(tmp_path):
         dataset.read_poses(path, 45)
 
 
+def test_a_single_pose_is_no_reason_to_ask_for_a_single_scan(tmp_path):
+    path = written(tmp_path / "p.txt", IDENTITY)
+    with pytest.raises(DataError, match=r"1 poses, but .*`scans: 2`") as error:
+        dataset.read_poses(path, 2)
+    assert "and at least 2 scans; the file may be cut off" in str(error.value)
+    assert "`scans: 1`" not in str(error.value)
+
+
 def test_rotations_are_accepted_up_to_the_tolerance(tmp_path):
     path = written(tmp_path / "p.txt", f"1.00004{IDENTITY[1:]}\n")
     assert dataset.read_poses(path, 1)[0, 0, 0] == 1.00004  # read, not corrected
@@ -287,6 +379,34 @@ def test_incomplete_data_set_folder(tmp_path):
     (tmp_path / "leica/pose_scanner_leica.csv").unlink()
     with pytest.raises(DataError, match=r"no pose_scanner_leica.csv in leica/, csv_global/, csv_l"):
         dataset.find_folder_files(tmp_path, 5)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "scans", "hint"),
+    [
+        ([0, 1, 2, 4], 4, "number the files, and their poses, from 0 without gaps."),
+        ([0, 1, 2, 4], 5, "number the files, and their poses, from 0 without gaps."),
+        ([0, 1, 2], 4, "complete the folder, or set `scans: 3` if these are all."),
+        ([0], 2, "complete the folder; at least 2 scans are needed."),
+    ],
+)
+def test_hint_for_scans_that_do_not_count_up(tmp_path, numbers, scans, hint):
+    (tmp_path / "leica").mkdir()
+    (tmp_path / "csv_local").mkdir()
+    own_folder(tmp_path / "leica", dataset.LEICA_NAME)
+    own_folder(tmp_path / "csv_local", *(f"Hokuyo_{number}.csv" for number in numbers))
+    with pytest.raises(DataError) as error:
+        dataset.find_folder_files(tmp_path, scans)
+    assert f": {len(numbers)} files" in str(error.value) and str(error.value).endswith(hint)
+
+
+def test_hint_for_own_scans(tmp_path):
+    own_folder(tmp_path, "1.ply", "poses.txt")
+    with pytest.raises(DataError, match=r"Hint: complete the folder; at least 2 scans are needed"):
+        dataset.find_folder_files(tmp_path, 2)
+    own_folder(tmp_path, "2.ply")
+    with pytest.raises(DataError, match=r"Hint: .*set `scans: 2` if these are all"):
+        dataset.find_folder_files(tmp_path, 3)
 
 
 def test_missing_folder(tmp_path):

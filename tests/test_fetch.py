@@ -1,6 +1,8 @@
 import hashlib
 import io
+import logging
 import random
+import runpy
 import signal
 import subprocess
 import sys
@@ -162,6 +164,52 @@ def test_scan_count_that_differs_names_both_numbers_and_the_line(archive, tmp_pa
         opened.check_scans(46)
     assert "missing: 45" in str(error.value)
     assert "change `scans: 46` to `scans: 45`" in str(error.value)
+
+
+@pytest.mark.parametrize(("numbers", "scans"), [([0, 1, 3], 3), ([0, 1, 3], 4), ([0], 2)])
+def test_scans_with_a_gap_are_not_counted_for_the_user(tmp_path, numbers, scans):
+    names = [f"r/csv_local/Hokuyo_{number}.csv" for number in numbers]
+    path = archive_of(tmp_path, [(name, "") for name in [*names, "r/leica/pose_scanner_leica.csv"]])
+    with (
+        fetch.open_archive(path, tmp_path) as opened,
+        pytest.raises(dataset.DataError, match=rf"{len(numbers)} scans in the archive") as error,
+    ):
+        opened.check_scans(scans)
+    problem, hint = str(error.value).split("\nHint: ")
+    assert f"missing: {2 if 3 in numbers else 1}" in problem
+    assert hint.startswith("at least 2 scans, numbered from 0 without gaps, are needed")
+    assert "change `scans:" not in hint
+
+
+def run_fetch_scan(tmp_path, content, drop_non_finite):
+    """What the workflow's job does, on an archive on disk whose scan 1 is ``content``."""
+    members = [("r/csv_local/Hokuyo_0.csv", ""), ("r/csv_local/Hokuyo_1.csv", content)]
+    path = archive_of(tmp_path, [*members, ("r/leica/pose_scanner_leica.csv", "")])
+    script = Path(__file__).parent.parent / "workflow/scripts/fetch_scan.py"
+    run = runpy.run_path(str(script))["fetch_scan"]
+    output = tmp_path / "scan_1.parquet"
+    run({"path": str(path)}, tmp_path / "cache", output, 1, 2, drop_non_finite, None)
+    return output
+
+
+@pytest.mark.parametrize(
+    ("row", "expected"),
+    [("4,abc,6", ", line 3, column y: 'abc' is not a number."), ("4,nan,6", ": 1 of 2 rows are")],
+)
+def test_bad_scan_of_an_archive_is_named_by_the_archive(tmp_path, row, expected):
+    with pytest.raises(dataset.DataError) as error:
+        run_fetch_scan(tmp_path, f"x,y,z\n1,2,3\n{row}\n", False)
+    problem, hint = str(error.value).split("\nHint: ")
+    assert problem.startswith(f"{tmp_path / 'made.zip'}, Hokuyo_1.csv{expected}")
+    assert hint.startswith("the archive holds it so.") and "`drop_non_finite: true`" in hint
+    assert "extract the archive, mend the file" in hint and "export" not in hint
+    assert not (tmp_path / "cache/scan_1.csv").exists()
+
+
+def test_dropped_rows_of_an_archive_are_logged(tmp_path, caplog):
+    caplog.set_level(logging.INFO)
+    assert run_fetch_scan(tmp_path, "x,y,z\n1,2,3\n4,nan,6\n", True).is_file()
+    assert "Hokuyo_1.csv: 1 points, 1 rows that are not finite dropped" in caplog.text
 
 
 def test_scan_that_is_not_there(archive, tmp_path):

@@ -1,19 +1,34 @@
 """Fetch a scan of an archive."""
 
+import logging
 from pathlib import Path
 
 from icpshap import dataset, tables
 from icpshap.fetch import open_sequence
 from icpshap.logs import job_log
 
+AS_ARCHIVED = (
+    "the archive holds it so. Rows that are not finite are accepted with `drop_non_finite: true`;"
+    " for anything else extract the archive, mend the file, and set `archive: null` and"
+    " `folder: {path: <what holds csv_local/>}`."
+)
+
 
 def fetch_scan(archive, cache, output, index, scans, drop_non_finite, terminal):
     file = Path(cache) / f"scan_{index}.csv"
     with open_sequence(archive, cache, scans, terminal) as members:
         members.extract_scan(index, file)
-    points, dropped = dataset.read_scan(file, drop_non_finite)
+    where = f"{archive.get('path') or archive['url']}, Hokuyo_{index}.csv"
+    try:
+        points, dropped = dataset.read_scan(file, drop_non_finite)
+    except dataset.DataError as error:
+        # The extracted file is no place to mend anything: the next run extracts it again.
+        problem = str(error).partition("\nHint: ")[0].replace(str(file), where)
+        raise dataset.DataError(problem, AS_ARCHIVED) from None
+    finally:
+        file.unlink()
+    logging.info("%s: %d points, %d rows that are not finite dropped", where, len(points), dropped)
     tables.write(output, tables.points_frame(points), "scan", {"dropped_rows": dropped})
-    file.unlink()
 
 
 if __name__ == "__main__":
