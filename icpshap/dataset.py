@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from icpshap import se3
+from icpshap.errors import UserError
 from icpshap.open3d_loader import load_open3d
 
 MINIMUM_POINTS = 1000
@@ -32,7 +33,7 @@ LEICA_HEADER = [
 SCAN_SUFFIXES = (".csv", ".ply", ".pcd")
 
 
-class DataError(ValueError):
+class DataError(UserError):
     """Data that cannot be used: the message names the place, what was expected and what to do."""
 
     def __init__(self, problem, hint):
