@@ -339,7 +339,7 @@ def _instance_inconsistencies(where, block):
         elif "waterfall" in block and block["waterfall"][source] not in expand_levels(levels):
             yield (
                 f"{where}.waterfall.{source}: {block['waterfall'][source]} is not a level of the "
-                f"grid. Hint: its levels are {', '.join(f'{k:g}' for k in expand_levels(levels))}"
+                f"grid. Hint: its levels are {', '.join(f'{k:.12g}' for k in expand_levels(levels))}"
             )
     if "fixed" in instances and block.get("waterfall", instances["fixed"]) != instances["fixed"]:
         yield f"{where}.waterfall: is not the fixed instance"
