@@ -10,7 +10,7 @@ from snakemake.utils import min_version
 min_version("9.0")
 
 
-configfile: "config.yaml"
+configfile: f"{workflow.basedir}/config.yaml"
 
 
 include: "workflow/rules/common.smk"
@@ -37,8 +37,17 @@ rule all:
         targets(),
 
 
+onstart:
+    if any(SETTINGS.data[key].kind == "archive" for key in SETTINGS.sequences):
+        logger.info(citation.NOTICE)
+
+
 onsuccess:
-    if os.path.exists("results/summary.txt"):
+    # Written by this run, that is, not by an earlier one with another selection.
+    if (
+        os.path.exists("results/summary.txt")
+        and os.path.getmtime("results/summary.txt") > STARTED
+    ):
         with open("results/summary.txt") as summary:
             print(summary.read())
 

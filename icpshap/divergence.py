@@ -17,6 +17,7 @@ from scipy.special import digamma
 from scipy.stats import wishart
 
 DIMENSION = 6
+GOOD_STATUS = ("ok", "max_iterations")  # of the runs that enter covariances
 NULL_DRAWS = 10_000
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from icpshap import icp, perturbation, se3
-from icpshap.divergence import wrong_basin
+from icpshap.divergence import GOOD_STATUS, wrong_basin
 from icpshap.sources import NAMES
 from icpshap.tables import INITIAL_XI, TRANSFORM, XI
 
@@ -60,7 +60,9 @@ def register_settings(pair, settings, registration, perturbation_settings, strea
                     part = slice(k * len(runs), (k + 1) * len(runs))
                     frame = _runs_frame(pair, setting, runs, noise_draw, initial_xi, result, part)
                     tables[setting].append(frame)
-    return pd.concat([_with_wrong_basin(tables[setting], registration) for setting in settings])
+    return pd.concat(
+        [mark_wrong_basins(pd.concat(tables[setting]), registration) for setting in settings]
+    )
 
 
 def chain_of(registration):
@@ -192,11 +194,12 @@ def _runs_frame(pair, setting, runs, noise_draw, initial_xi, result, part):
     )
 
 
-def _with_wrong_basin(parts, registration):
-    table = pd.concat(parts)
+def mark_wrong_basins(runs, registration):
+    """The runs of a setting with the column wrong_basin; a failed run is in none."""
+    converged = runs["status"].isin(GOOD_STATUS).to_numpy()
     marks = wrong_basin(
-        table[XI].to_numpy(),
+        np.where(converged[:, None], runs[XI].to_numpy(), np.nan),
         translation=registration.wrong_basin_translation,
         rotation=np.deg2rad(registration.wrong_basin_rotation),
     )
-    return table.assign(wrong_basin=marks)
+    return runs.assign(wrong_basin=marks)

@@ -14,16 +14,9 @@ import zlib
 from pathlib import Path
 from typing import NamedTuple
 
+from icpshap.citation import DOI
 from icpshap.dataset import LEICA_NAME, LEICA_PLACES, DataError
 from icpshap.remote_file import RangeIgnoredError, RemoteFile, Window, amount, say
-
-DOI = "https://doi.org/10.3929/ethz-b-000721626"
-LICENCE = "CC BY 4.0"
-CITATION = (
-    "F. Pomerleau, M. Liu, F. Colas, R. Siegwart: Challenging data sets for point cloud"
-    " registration algorithms. The International Journal of Robotics Research 31(14), 2012."
-)
-NOTICE = f"Challenging data sets: {DOI}, licence {LICENCE}. Please cite {CITATION}"
 
 BY_HAND = (
     f"download the archive from {DOI} in a browser and give this sequence\n"

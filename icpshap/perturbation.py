@@ -102,9 +102,9 @@ def reduce_overlap(pair, reduction, order):
 def set_overlap(pair, reference, source, reduction, distance, generator):
     """Source points after the released code's rule: the noisy overlap is brought to a fixed ratio.
 
-    The target is round(O - reduction, 2) with O of the clean scans; within 1e-3 of O nothing is
-    done; where the noise left too little overlap, reference points are copied with N(0, 1 mm).
-    reference (n, 3) and source (m, 3) [m] are the noisy scans. Raises PerturbationError as
+    The target is round(O - reduction, 2) with O of the clean scans; within 1e-3 of the clean or
+    the noisy ratio nothing is done; where the noise left too little overlap, reference points are
+    copied with N(0, 1 mm). reference (n, 3) and source (m, 3) [m] are the noisy scans. Raises PerturbationError as
     `reduce_overlap` does.
     """
     target = round(pair.overlap - reduction, 2)
@@ -116,6 +116,8 @@ def set_overlap(pair, reference, source, reduction, distance, generator):
             "Hint: choose a smaller partial_overlap for this pair."
         )
     overlapping = nearest_distances(reference, source, pair.T_reference_source) <= distance
+    if abs(overlapping.sum() / len(reference) - target) < 1e-3:
+        return source
     surplus = round(overlapping.sum() - target * len(reference))
     if surplus >= 0:
         removed = overlap_order(overlapping, generator)[:surplus]

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from icpshap.citation import NOTICE
+
 PACKAGES = (
     "matplotlib",
     "numba",
@@ -25,11 +27,7 @@ PACKAGES = (
     "snakemake",
 )
 LICENCES = {
-    "archive": (
-        "Challenging data sets for point cloud registration algorithms, ETH Zurich, "
-        "DOI 10.3929/ethz-b-000721626, CC BY 4.0; cite F. Pomerleau, M. Liu, F. Colas, "
-        "R. Siegwart, Int. J. Robotics Research 31(14), 1705-1711, 2012"
-    ),
+    "archive": NOTICE,
     "folder": "files of the user, under the licence they came with",
     "simulated": "made by icpshap, MIT",
 }

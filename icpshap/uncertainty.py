@@ -17,7 +17,6 @@ from icpshap.tables import INITIAL_XI, XI
 
 MINIMUM_RUNS = 50
 BOOTSTRAP_DRAWS = 1000
-GOOD_STATUS = ("ok", "max_iterations")
 SUCCESS_TRANSLATION = 0.1
 SUCCESS_ROTATION = np.deg2rad(2.0)
 SETTINGS_AT_ONCE = 64
@@ -132,7 +131,7 @@ def _sample(runs, sources, n):
         draws=first["draws"].to_numpy(),
         xi=runs[XI].to_numpy(dtype=float).reshape(-1, n, 6),
         initial_xi=runs[INITIAL_XI].to_numpy(dtype=float).reshape(-1, n, 6),
-        failed=~runs["status"].isin(GOOD_STATUS).to_numpy().reshape(-1, n),
+        failed=~runs["status"].isin(divergence.GOOD_STATUS).to_numpy().reshape(-1, n),
         wrong_basin=runs["wrong_basin"].to_numpy(dtype=bool).reshape(-1, n),
         noise_draw=runs["noise_draw"].to_numpy()[:n],
     )

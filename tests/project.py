@@ -10,11 +10,11 @@ from hashlib import sha256
 from conftest import REPOSITORY
 
 TINY = REPOSITORY / "tests" / "tiny.yaml"
-CODE = ("Snakefile", "icpshap", "workflow", "profiles", "reference")
+CODE = ("Snakefile", "config.yaml", "icpshap", "workflow", "profiles", "reference")
 
 
 class Project:
-    """A working directory with config.yaml and tiny.yaml; the code is the repository's.
+    """A working directory with tiny.yaml; the code is the repository's.
 
     Only tests that edit code use a copy of it: each copy would compile the ICP engine anew.
     """
@@ -22,9 +22,8 @@ class Project:
     def __init__(self, folder, code=REPOSITORY):
         self.folder = folder
         self.code = code
-        for path in (REPOSITORY / "config.yaml", TINY):
-            if not (folder / path.name).exists():
-                shutil.copy(path, folder)
+        if not (folder / TINY.name).exists():
+            shutil.copy(TINY, folder)
 
     def with_copied_code(self, folder):
         """The same working directory, and code that a test may edit."""

@@ -197,6 +197,15 @@ def test_a_run_that_fails_stays_in_the_table_with_its_status(register):
     assert not runs["wrong_basin"].isna().any()
 
 
+def test_a_failed_run_does_not_decide_which_basin_is_wrong(paper, registration, runs):
+    table = of(runs, CLEAN)
+    failed = table.index < 8
+    table[XI] = np.where(failed[:, None], table[XI] + 5.0, table[XI])
+    table["status"] = np.where(failed, "too_few_links", "ok")
+    marked = estimators.mark_wrong_basins(table.drop(columns="wrong_basin"), registration)
+    assert not marked["wrong_basin"].any()
+
+
 def test_too_large_a_reduction_is_refused(registration, room_pair, paper):
     few = replace(room_pair, overlapping=np.arange(len(room_pair.source)) < 100)
     with pytest.raises(perturbation.PerturbationError, match="Hint: partial_overlap must be"):

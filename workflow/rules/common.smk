@@ -1,9 +1,10 @@
 """Settings of the workflow, and the questions that rules ask of them."""
 
 import csv
+import time
 from dataclasses import asdict
 
-from icpshap import plan, provenance, record, settings
+from icpshap import citation, plan, provenance, record, settings
 from icpshap.dataset import DataError, find_folder_files
 from icpshap.sources import NAMES
 
@@ -11,6 +12,8 @@ try:
     SETTINGS = settings.load(config)
 except settings.SettingsError as error:
     raise WorkflowError(str(error)) from None
+
+STARTED = time.time()
 
 # Scan files and pose file of each folder, known without reading them; a missing one is said here,
 # since an error of an input function comes with a traceback.
@@ -87,14 +90,9 @@ def local_archive(wildcards):
     return sequence_of(wildcards).archive.get("path", [])
 
 
-def scans_of_pairs(wildcards):
-    indices = sorted({index for pair in pairs_of(wildcards) for index in pair})
-    return [f"resources/{wildcards.sequence}/scan_{index}.parquet" for index in indices]
-
-
-def overlaps_of_pairs(wildcards):
+def checks_of_pairs(wildcards):
     return [
-        f"resources/{wildcards.sequence}/overlap/{reference}-{source}.parquet"
+        f"results/{wildcards.experiment}/{wildcards.sequence}/pairs/{reference}-{source}.parquet"
         for reference, source in pairs_of(wildcards)
     ]
 
@@ -240,4 +238,9 @@ def targets():
         path for experiment, scope in selected_scopes() for path in figures_of(experiment, scope)
     ]
     paths += files_of(sections(), "uncertainty", "shap")
-    return [*paths, "results/report.html", "results/provenance.yaml"] if paths else []
+    if not paths:
+        raise WorkflowError(
+            f"None of the experiments {', '.join(SETTINGS.run)} has a pair in the sequences "
+            f"{', '.join(SETTINGS.sequences)}.\nHint: select others with `run` or `sequences`."
+        )
+    return [*paths, "results/report.html", "results/provenance.yaml"]

@@ -11,7 +11,7 @@ rule fetch_scan:
     input:
         archive=local_archive,
         # A wrong number of scans is said before any scan is fetched.
-        poses=ancient("resources/{sequence}/poses.parquet"),
+        poses="resources/{sequence}/poses.parquet",
     output:
         "resources/{sequence}/scan_{index}.parquet",
     log:
@@ -20,7 +20,7 @@ rule fetch_scan:
         "logs/fetch_scan/{sequence}/{index}.tsv"
     wildcard_constraints:
         sequence=keys_of_kind("archive"),
-    priority: 10
+    priority: 20
     threads: 1
     resources:
         mem_mb=500,
@@ -46,7 +46,7 @@ rule fetch_poses:
         "logs/fetch_poses/{sequence}.tsv"
     wildcard_constraints:
         sequence=keys_of_kind("archive"),
-    priority: 10
+    priority: 20
     threads: 1
     resources:
         mem_mb=500,
@@ -71,7 +71,7 @@ rule read_scan:
         "logs/read_scan/{sequence}/{index}.tsv"
     wildcard_constraints:
         sequence=keys_of_kind("folder"),
-    priority: 10
+    priority: 20
     threads: 1
     resources:
         mem_mb=500,
@@ -94,7 +94,7 @@ rule read_poses:
         "logs/read_poses/{sequence}.tsv"
     wildcard_constraints:
         sequence=keys_of_kind("folder"),
-    priority: 10
+    priority: 20
     threads: 1
     resources:
         mem_mb=500,
@@ -116,7 +116,7 @@ rule simulate_sequence:
     wildcard_constraints:
         sequence=keys_of_kind("simulated"),
         part=r"poses|scan_\d+",
-    priority: 10
+    priority: 20
     threads: 1
     resources:
         mem_mb=1000,
@@ -141,7 +141,7 @@ rule measure_overlap:
         "logs/measure_overlap/{sequence}/{reference}-{source}.log",
     benchmark:
         "logs/measure_overlap/{sequence}/{reference}-{source}.tsv"
-    priority: 10
+    priority: 20
     threads: 1
     resources:
         mem_mb=500,

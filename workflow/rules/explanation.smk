@@ -1,6 +1,6 @@
 """From ICP runs to uncertainties and to what each uncertainty source contributes.
 
-Outputs: results/{experiment}/{sequence}/{uncertainty,shap,resampled}.parquet,
+Outputs: results/{experiment}/{sequence}/{pairs,uncertainty,shap,resampled}.parquet,
 results/{experiment}/{pairs,uncertainty,shap,resampled}.parquet
 """
 
@@ -8,9 +8,10 @@ results/{experiment}/{pairs,uncertainty,shap,resampled}.parquet
 rule explain_sequence:
     """Divergences of every setting and Shapley values of every instance of a sequence."""
     input:
-        pairs="results/{experiment}/{sequence}/pairs.parquet",
+        pairs=checks_of_pairs,
         runs=runs_of_pairs,
     output:
+        pairs="results/{experiment}/{sequence}/pairs.parquet",
         uncertainty="results/{experiment}/{sequence}/uncertainty.parquet",
         shap="results/{experiment}/{sequence}/shap.parquet",
         resampled="results/{experiment}/{sequence}/resampled.parquet",

@@ -1,34 +1,36 @@
 """From scans to ICP runs.
 
-Outputs: results/{experiment}/{sequence}/pairs.parquet,
+Data and checks go first (priority), so that what can be known to be wrong is said before any ICP.
+
+Outputs: results/{experiment}/{sequence}/pairs/{reference}-{source}.parquet,
 results/{experiment}/{sequence}/runs/{reference}-{source}/{chunk}.parquet
 """
 
 
-rule check_pairs:
-    """List the pairs of a sequence, and stop before any registration if one cannot be perturbed."""
+rule check_pair:
+    """Describe a pair, and stop before it is registered if it cannot be perturbed as asked."""
     input:
+        reference="resources/{sequence}/scan_{reference}.parquet",
+        source="resources/{sequence}/scan_{source}.parquet",
         poses="resources/{sequence}/poses.parquet",
-        scans=scans_of_pairs,
-        overlaps=overlaps_of_pairs,
+        overlap="resources/{sequence}/overlap/{reference}-{source}.parquet",
     output:
-        "results/{experiment}/{sequence}/pairs.parquet",
+        "results/{experiment}/{sequence}/pairs/{reference}-{source}.parquet",
     log:
-        "logs/check_pairs/{experiment}/{sequence}.log",
+        "logs/check_pair/{experiment}/{sequence}/{reference}-{source}.log",
     benchmark:
-        "logs/check_pairs/{experiment}/{sequence}.tsv"
-    priority: 5
+        "logs/check_pair/{experiment}/{sequence}/{reference}-{source}.tsv"
+    priority: 10
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=500,
     params:
-        code=code_digest("check_pairs"),
-        pairs=pairs_of,
+        code=code_digest("check_pair"),
+        largest_reduction=lambda wildcards: max(experiment_of(wildcards).levels["partial_overlap"]),
         minimum_overlap=SETTINGS.perturbation.minimum_overlap,
         minimum_range=lambda wildcards: estimator_of(wildcards).minimum_range,
-        largest_reduction=lambda wildcards: max(experiment_of(wildcards).levels["partial_overlap"]),
     script:
-        "../scripts/check_pairs.py"
+        "../scripts/check_pair.py"
 
 
 rule run_icp:
@@ -38,8 +40,7 @@ rule run_icp:
         source="resources/{sequence}/scan_{source}.parquet",
         poses="resources/{sequence}/poses.parquet",
         overlap="resources/{sequence}/overlap/{reference}-{source}.parquet",
-        # Only to come after the check: a further pair in the list changes nothing here.
-        pairs=ancient("results/{experiment}/{sequence}/pairs.parquet"),
+        pair="results/{experiment}/{sequence}/pairs/{reference}-{source}.parquet",
     output:
         "results/{experiment}/{sequence}/runs/{reference}-{source}/{chunk}.parquet",
     log:

@@ -11,8 +11,10 @@ def explain_sequence(paths, output, sequence, levels, method, seed):
     sources = {source.name: source.off for source in SOURCES}
     instances = pd.DataFrame(plan.instances(levels), columns=NAMES)
     instances = instances.rename_axis("instance").reset_index()
-    made = {"uncertainty": [], "shap": [], "resampled": [tables.empty("resampled")]}
-    for pair in tables.read(paths.pairs, "pairs").itertuples():
+    pairs = pd.concat([tables.read(path, "pairs") for path in paths.pairs], ignore_index=True)
+    made = {"pairs": [pairs], "uncertainty": [], "shap": []}
+    made["resampled"] = [tables.empty("resampled")]
+    for pair in pairs.itertuples():
         chunks = [path for path in paths.runs if f"/{pair.reference}-{pair.source}/" in path]
         runs = pd.concat([tables.read(path, "runs") for path in chunks], ignore_index=True)
         indices = (sequence, pair.reference, pair.source)

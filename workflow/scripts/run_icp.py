@@ -8,12 +8,11 @@ from icpshap.plan import Setting
 
 
 def run_icp(paths, output, sequence, indices, params):
-    pairs = tables.read(paths.pairs, "pairs").set_index(["reference", "source"])
     files = ("reference", "source", "poses")
     decided_by = {name: provenance.file_digest(paths[name]) for name in files}
     for name in ("seed", "registration", "perturbation", "code"):
         decided_by[name] = params[name]
-    if not pairs.loc[indices, "registered"]:
+    if not tables.read(paths.pair, "pairs")["registered"].item():
         tables.write(output, tables.empty("runs"), "runs", decided_by)
         return
     runs = estimators.register_settings(
