@@ -337,9 +337,10 @@ def _instance_inconsistencies(where, block):
         elif source == "partial_overlap" and max(expand_levels(levels)) > 1:
             yield f"{where}.instances.grid.partial_overlap: lambda must be at most 1"
         elif "waterfall" in block and block["waterfall"][source] not in expand_levels(levels):
+            known = ", ".join(f"{level:.12g}" for level in expand_levels(levels))
             yield (
                 f"{where}.waterfall.{source}: {block['waterfall'][source]} is not a level of the "
-                f"grid. Hint: its levels are {', '.join(f'{k:.12g}' for k in expand_levels(levels))}"
+                f"grid. Hint: its levels are {known}"
             )
     if "fixed" in instances and block.get("waterfall", instances["fixed"]) != instances["fixed"]:
         yield f"{where}.waterfall: is not the fixed instance"
