@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from icpshap import se3
+from icpshap.errors import UserError
 from icpshap.open3d_loader import load_open3d
 
 MINIMUM_POINTS = 1000
@@ -35,7 +36,7 @@ MINIMUM_SCANS = 2  # the reference and the source of one pair
 GET_AGAIN = "the file may be cut off or edited; get or export it again."
 
 
-class DataError(ValueError):
+class DataError(UserError):
     """Data that cannot be used: the message names the place, what was expected and what to do."""
 
     def __init__(self, problem, hint):

@@ -20,8 +20,8 @@ from icpshap.tables import INITIAL_XI, TRANSFORM, XI
 def register_settings(pair, settings, registration, perturbation_settings, streams):
     """Run ICP for every run of every setting: the runs table, in the order of the settings.
 
-    pair: perturbation.Pair; settings: list of plan.Setting; registration: settings.Registration;
-    perturbation_settings: settings.Perturbation; streams: perturbation.Streams of the pair.
+    pair: perturbation.Pair; settings: list of plan.Setting; registration: parameters.Registration;
+    perturbation_settings: parameters.Perturbation; streams: perturbation.Streams of the pair.
     Raises perturbation.PerturbationError if a setting cannot be applied to the pair.
     """
     chain = chain_of(registration)

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from icpshap import shapley
+from icpshap.errors import UserError
 from icpshap.intervals import mean_interval
 from icpshap.uncertainty import (
     MINIMUM_RUNS,
@@ -218,7 +219,7 @@ def _mirrored(sample, rows, method, number):
 def load_explanation(path):
     """The shap.Explanation of a shap.parquet: values, base values, data, names and bounds.
 
-    Rows without a value (`reason` or `warning` says why) are left out. Raises ValueError if the
+    Rows without a value (`reason` or `warning` says why) are left out. Raises UserError if the
     file holds no Shapley values.
     """
     import shap
@@ -230,7 +231,7 @@ def load_explanation(path):
         if column.startswith("phi_") and column.endswith("_low")
     ]
     if not names:
-        raise ValueError(
+        raise UserError(
             f"{path}: no column phi_<uncertainty source>_low.\n"
             "Hint: give the path of a shap.parquet, such as results/<experiment>/shap.parquet."
         )

@@ -5,13 +5,15 @@ import os
 import sys
 from contextlib import contextmanager
 
+from icpshap.errors import UserError
+
 
 @contextmanager
 def job_log(path):
     """Send all that a job writes, compiled libraries included, to the file `path`.
 
-    Yields the terminal as it was, for the one line that a job says. A ValueError or OSError is the
-    user's to mend: its message goes into the log without a traceback, and the job fails.
+    Yields the terminal as it was, for the one line that a job says. Of a UserError the message
+    alone goes into the log, and the job fails; any other exception leaves its traceback there.
     """
     with open(path, "w", buffering=1) as log:
         sys.stdout.flush()
@@ -22,6 +24,6 @@ def job_log(path):
             logging.basicConfig(level=logging.INFO, format="%(message)s", stream=log, force=True)
             try:
                 yield terminal
-            except (ValueError, OSError) as error:
+            except UserError as error:
                 logging.error("%s: %s", type(error).__name__, error)
                 sys.exit(1)

@@ -14,9 +14,10 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from icpshap import se3
+from icpshap.errors import UserError
 
 
-class PerturbationError(ValueError):
+class PerturbationError(UserError):
     """A perturbation cannot be applied to a pair of scans."""
 
 

@@ -9,6 +9,8 @@ intervals err on the wide side.
 import numpy as np
 import pandas as pd
 
+from icpshap.errors import UserError
+
 CONFIDENCE = 0.95
 DRAWS = 2000
 DRAWS_AT_ONCE = 100
@@ -32,7 +34,7 @@ def ranking_table(shap, resampled, sources, paper=None, order=PAPER_ORDER, seed=
         values = _by_pair(table, sources, ["instance"])
         draws = _by_pair(own, sources, ["instance", "resample"])
         if len(draws) != len(values):
-            raise ValueError(
+            raise UserError(
                 f"{sequence}: {len(values)} pairs have Shapley values, {len(draws)} have resamples."
                 "\nHint: make both tables from the same runs."
             )

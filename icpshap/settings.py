@@ -5,78 +5,22 @@ this module adds what a schema cannot say: names that must exist, pairs that mus
 """
 
 import difflib
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
+from math import isfinite
 from pathlib import Path
 
 import yaml
 from jsonschema import Draft202012Validator
 
+from icpshap.errors import UserError
+from icpshap.parameters import Estimator, Perturbation
+
 SCHEMA = Path(__file__).parent.parent / "workflow" / "schemas" / "config.schema.yaml"
 
 
-class SettingsError(ValueError):
+class SettingsError(UserError):
     """The configuration is wrong; the message lists every error."""
-
-
-@dataclass(frozen=True)
-class Perturbation:
-    """What the uncertainty sources refer to; units in the schema."""
-
-    initial_pose_rotation: float
-    initial_pose_translation: float
-    overlap_distance: float
-    minimum_overlap: float
-
-
-@dataclass(frozen=True)
-class Registration:
-    """From a perturbed pair to pose samples; each field is the config key of the same name."""
-
-    runs: int
-    minimum_range: float
-    subsampling_probability: float
-    subsampling_mask: str
-    metric: str
-    normal_neighbours: int
-    matches: int
-    kept_links: float
-    maximum_distance: float | None
-    maximum_iterations: int
-    stop_rotation: float
-    stop_translation: float
-    initial_pose_scaling: str
-    initial_pose_composition: str
-    noise_draws: int
-    reference_noise_additions: int
-    overlap_removal: str
-    common_random_numbers: bool
-    wrong_basin_translation: float
-    wrong_basin_rotation: float
-
-
-@dataclass(frozen=True)
-class Estimator(Registration):
-    """From a perturbed pair to an uncertainty: a registration, and how its samples are read."""
-
-    covariance_floor_rotation: float
-    covariance_floor_translation: float
-    divergence: str
-    bias_correction: str
-    wrong_basins: str
-    interval: str
-
-    @property
-    def registration(self):
-        """The part that decides the pose samples."""
-        keys = Registration.__dataclass_fields__
-        return Registration(**{key: getattr(self, key) for key in keys})
-
-    @property
-    def method(self):
-        """The other part, by key: how numbers are read off the pose samples."""
-        keys = Registration.__dataclass_fields__
-        return {key: value for key, value in asdict(self).items() if key not in keys}
 
 
 @dataclass(frozen=True)
@@ -97,6 +41,8 @@ class Sequence:
 
 
 KINDS = ("archive", "folder", "simulated")
+# Folders of results/ and results/<experiment>/ that hold something else.
+RESERVED = {"experiments": ("comparison",), "data": ("figures", "tables")}
 EXPERIMENT_KEYS = ("estimator", "pairs", "instances", "figures")
 
 
@@ -132,17 +78,28 @@ def load(config):
     """Typed settings of a configuration mapping.
 
     Strings in the place of numbers are accepted: that is how ``--config 'a={b: 1}'`` and YAML's
-    ``1e-3`` arrive. Raises SettingsError with one line for every error.
+    ``1e-3`` arrive; so are integers written like 1e2. Raises SettingsError with one line for every
+    error.
     """
     schema = read_schema()
     config = _coerce(config, schema)
-    violations = list(_leaves(Draft202012Validator(schema).iter_errors(config)))
-    broken = {
+    non_finite = dict(_non_finite(config))
+    violations = [
+        violation
+        for violation in _leaves(Draft202012Validator(schema).iter_errors(config))
+        if tuple(violation.absolute_path) not in non_finite
+    ]
+    broken = {path[:2] for path in non_finite} | {
         tuple(violation.absolute_path)[:2]
         for violation in violations
         if violation.absolute_path or violation.validator == "required"
     }
-    errors = [_describe(violation) for violation in violations]
+    errors = [
+        f"{_dotted(path)}: expected a finite number, found {value}. "
+        "Hint: give a number, or null where that means no limit"
+        for path, value in non_finite.items()
+    ]
+    errors += [line for violation in violations for line in _describe(violation)]
     errors += _inconsistencies(config, broken)
     if errors:
         errors = list(dict.fromkeys(errors))
@@ -273,7 +230,14 @@ def _inconsistencies(config, broken):
     for key, names, section in (("sequences", data, "data"), ("run", experiments, "experiments")):
         for name in config[key] if (key,) not in broken else []:
             if name not in names:
-                yield f"{key}: {_unknown(name, names)}. Hint: define it under {section}"
+                yield f"{key}: {_unknown(name, names)} Hint: define it under {section}"
+    for section, names in RESERVED.items():
+        for name in names:
+            if name in config[section]:
+                yield (
+                    f"{section}.{name}: the name is taken, results has a folder {name} of its own. "
+                    "Hint: choose another name"
+                )
     for name, block in data.items():
         if not any(path[0] == "data" for path in broken):
             yield from _sequence_inconsistencies(f"data.{name}", block)
@@ -373,9 +337,10 @@ def _instance_inconsistencies(where, block):
         elif source == "partial_overlap" and max(expand_levels(levels)) > 1:
             yield f"{where}.instances.grid.partial_overlap: lambda must be at most 1"
         elif "waterfall" in block and block["waterfall"][source] not in expand_levels(levels):
+            known = ", ".join(f"{level:.12g}" for level in expand_levels(levels))
             yield (
-                f"{where}.waterfall.{source}: {block['waterfall'][source]} "
-                "is not a level of the grid"
+                f"{where}.waterfall.{source}: {block['waterfall'][source]} is not a level of the "
+                f"grid. Hint: its levels are {known}"
             )
     if "fixed" in instances and block.get("waterfall", instances["fixed"]) != instances["fixed"]:
         yield f"{where}.waterfall: is not the fixed instance"
@@ -384,10 +349,11 @@ def _instance_inconsistencies(where, block):
 
 
 def _unknown(name, names, what="name"):
+    """A sentence, with its end."""
     close = difflib.get_close_matches(str(name), [str(known) for known in names], n=1)
     if close:
         return f"unknown {what} '{name}', did you mean '{close[0]}'?"
-    return f"unknown {what} '{name}', expected one of {', '.join(map(str, names))}"
+    return f"unknown {what} '{name}', expected one of {', '.join(map(str, names))}."
 
 
 # --- the schema -----------------------------------------------------------------------------------
@@ -400,7 +366,10 @@ def _resolve_reference(schema):
 
 
 def _coerce(value, schema):
-    """The value with strings turned into the number, truth value or null that the schema wants."""
+    """The value with the numbers, truth values and nulls that the schema wants, where it has them.
+
+    Strings are read; integral floats are integers where the schema wants integers.
+    """
     schema = _resolve_reference(schema)
     for branch in schema.get("oneOf", []):
         branch = _resolve_reference(branch)
@@ -415,7 +384,9 @@ def _coerce(value, schema):
     kinds = schema.get("type", [])
     kinds = [kinds] if isinstance(kinds, str) else kinds
     if isinstance(value, str) and "string" not in kinds:
-        return _parse(value, kinds)
+        value = _parse(value, kinds)
+    if isinstance(value, float) and "integer" in kinds and value.is_integer():
+        return int(value)
     return value
 
 
@@ -424,13 +395,22 @@ def _parse(text, kinds):
     words |= {"null": None, "none": None} if "null" in kinds else {}
     if text.lower() in words:
         return words[text.lower()]
-    for kind, cast in (("integer", int), ("number", float)):
-        if kind in kinds:
-            try:
-                return cast(text)
-            except ValueError:
-                pass
+    casts = [int, float] if "integer" in kinds else [float] if "number" in kinds else []
+    for cast in casts:
+        try:
+            return cast(text)
+        except ValueError:
+            pass
     return text
+
+
+def _non_finite(value, path=()):
+    """(path, number) of every number that is infinite or not a number."""
+    if isinstance(value, float) and not isfinite(value):
+        yield path, value
+    items = enumerate(value) if isinstance(value, list) else ()
+    for key, item in value.items() if isinstance(value, dict) else items:
+        yield from _non_finite(item, (*path, key))
 
 
 def _leaves(errors):
@@ -449,15 +429,42 @@ def _is_other_type(cause):
 
 
 def _describe(error):
-    where = ".".join(str(part) for part in error.absolute_path) or "configuration"
+    """Lines that say what is wrong."""
+    path, value = tuple(error.absolute_path), error.instance
+    where = _dotted(path)
     if error.validator == "additionalProperties":
         known = error.schema.get("properties", {})
-        unknown = [key for key in error.instance if key not in known]
-        return "; ".join(f"{where}: {_unknown(key, known, 'key')}" for key in unknown)
+        return [f"{where}: {_unknown(key, known, 'key')}" for key in value if key not in known]
     if error.validator == "required":
-        missing = [key for key in error.validator_value if key not in error.instance]
-        return f"{where}: missing {', '.join(missing)}"
+        missing = [key for key in error.validator_value if key not in value]
+        return [f"{where}: missing {', '.join(missing)}"]
     if error.validator == "enum":
-        return f"{where}: {_unknown(error.instance, error.validator_value)}"
+        return [f"{where}: {_unknown(value, error.validator_value)}"]
+    if error.validator == "maxProperties":
+        return [
+            f"{where}: expected either {' or '.join(error.schema['properties'])}, found both. "
+            "Hint: mappings of several config files are merged; give yours a name of its own, and "
+            "`based_on` this one"
+        ]
+    if isinstance(value, str | int | float) and _is_list_of_scalars(error.schema):
+        return [f"{where}: expected a list, found {value!r}. Hint: {_as_list(path, value)}"]
     meaning = error.schema.get("description")
-    return f"{where}: {error.message}" + (f" ({meaning})" if meaning else "")
+    return [f"{where}: {error.message}" + (f" ({meaning})" if meaning else "")]
+
+
+def _dotted(path):
+    return ".".join(map(str, path)) or "configuration"
+
+
+def _is_list_of_scalars(schema):
+    """Whether the schema wants a list, or offers one among others."""
+    branches = [schema, *schema.get("oneOf", [])]
+    return any("type" in branch.get("items", {}) for branch in branches)
+
+
+def _as_list(path, value):
+    """The value as the one entry of a list, as one writes it on the command line."""
+    text = f"[{value}]"
+    for key in reversed(path[1:]):
+        text = f"{{{key}: {text}}}"
+    return f"--config '{path[0]}={text}'"

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from icpshap.errors import UserError
 from icpshap.open3d_loader import load_open3d
 
 FAN = np.deg2rad(270.0)
@@ -41,10 +42,10 @@ def maximum_scans(scene):
 def simulate_poses(scene, scans, seed):
     """Poses T_global_scan (scans, 4, 4) along the path through a scene.
 
-    Pose k depends on scene, seed and k alone. Raises ValueError for more than `maximum_scans`.
+    Pose k depends on scene, seed and k alone. Raises UserError for more than `maximum_scans`.
     """
     if scans > maximum_scans(scene):
-        raise ValueError(
+        raise UserError(
             f"scans: {scans} do not fit on the path through the scene {scene!r}, at most"
             f" {maximum_scans(scene)} do.\nHint: lower `scans`."
         )
@@ -55,11 +56,11 @@ def simulate_scan(scene, index, T_global_scan, beams, seed):
     """Points (n, 3) [m] of scan ``index`` of a scene, in its scanner's frame.
 
     ``beams`` beams are drawn out of a full scan, as one thins a cloud at random; n is less, since
-    some are dropped, and the sky returns none. Raises ValueError for more than a full scan has.
+    some are dropped, and the sky returns none. Raises UserError for more than a full scan has.
     """
     full = _beam_directions()
     if beams > len(full):
-        raise ValueError(
+        raise UserError(
             f"beams: {beams} are more than the {len(full)} of a full scan.\nHint: lower `beams`."
         )
     generator = _generator(seed, scene, f"laser/{index}")

@@ -14,6 +14,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from icpshap.errors import UserError
 from icpshap.sources import NAMES, SOURCES
 
 INITIAL_XI = [f"initial_xi_{k}" for k in range(6)]
@@ -21,7 +22,7 @@ XI = [f"xi_{k}" for k in range(6)]
 TRANSFORM = [f"T_{row}{column}" for row in range(4) for column in range(4)]
 
 
-class TableError(ValueError):
+class TableError(UserError):
     """A file or a frame does not have the columns of its table."""
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from icpshap import divergence
+from icpshap.errors import UserError
 from icpshap.intervals import Resampling
 from icpshap.tables import INITIAL_XI, XI
 
@@ -86,7 +87,7 @@ class Sample:
         return cls(tuple(sources), settings, draws, xi, xi, marks, marks, none)
 
     def rows(self, values, draws=0):
-        """Row of each setting in values (..., M). Raises KeyError if one was not run."""
+        """Row of each setting in values (..., M). Raises UserError if one was not run."""
         values = np.asarray(values, dtype=float)
         flat = values.reshape(-1, values.shape[-1])
         known = pd.MultiIndex.from_arrays([*self.settings.T, self.draws])
@@ -95,7 +96,7 @@ class Sample:
         if (rows < 0).any():
             missing = np.unique(flat[rows < 0], axis=0)
             first = ", ".join(f"{s} {v:g}" for s, v in zip(self.sources, missing[0], strict=True))
-            raise KeyError(
+            raise UserError(
                 f"{len(missing)} settings have no runs, the first is {first}; "
                 f"{len(self.settings)} settings have.\n"
                 "Hint: the runs belong to another configuration; run the registrations again."
@@ -106,7 +107,7 @@ class Sample:
 def samples(runs, sources):
     """One `Sample` per replicate of a pair's runs table; sources: the names of its sources.
 
-    Raises ValueError if the settings differ in their runs.
+    Raises UserError if the settings differ in their runs.
     """
     keys = ["replicate", "draws", *sources]
     runs = runs.sort_values([*keys, "run"])
@@ -114,7 +115,7 @@ def samples(runs, sources):
     n = counts["count"].max()
     if not (counts.eq([n, n, n - 1]).all(axis=None)):
         wrong = counts[counts.ne([n, n, n - 1]).any(axis=1)]
-        raise ValueError(
+        raise UserError(
             f"{len(wrong)} of {len(counts)} settings do not have the runs 0 to {n - 1} once each, "
             f"the first is {dict(zip(keys, wrong.index[0], strict=True))}.\n"
             "Hint: a file of runs is missing or there twice; run the registrations again."
@@ -201,7 +202,7 @@ def kept_runs(sample, games, method, leave_out=None):
 def evaluate(sample, rows, clean, weights, method):
     """f of settings `rows` (s,) against setting `clean`, under each weighting (r, n): (s, r).
 
-    Raises ValueError if a covariance is singular.
+    Raises UserError if a covariance is singular.
     """
     unbiased = method.bias_correction == "wishart"
     reference = divergence.spread(sample.xi[clean], weights, *method.floor)
@@ -212,7 +213,7 @@ def evaluate(sample, rows, clean, weights, method):
         try:
             result[part] = method.reading.evaluate(reference, perturbed, unbiased)
         except np.linalg.LinAlgError as error:
-            raise ValueError(
+            raise UserError(
                 "The covariance of a setting is singular: its runs do not differ in some direction."
                 "\nHint: set covariance_floor_rotation and covariance_floor_translation above 0."
             ) from error

@@ -10,6 +10,7 @@ import shap
 from known_runs import LEVELS, SOURCES, instances, runs_table, true_game
 
 from icpshap import explanation, shapley, tables
+from icpshap.errors import UserError
 from icpshap.explanation import Method
 
 matplotlib.use("Agg")
@@ -222,5 +223,5 @@ def test_load_explanation_serves_the_plots_of_shap(tmp_path):
 def test_load_explanation_says_which_file_it_wants(tmp_path):
     path = tmp_path / "uncertainty.parquet"
     pd.DataFrame({"f": [1.0]}).to_parquet(path)
-    with pytest.raises(ValueError, match=r"uncertainty.parquet: no column phi_.*\nHint: .*shap"):
+    with pytest.raises(UserError, match=r"uncertainty.parquet: no column phi_.*\nHint: .*shap"):
         explanation.load_explanation(path)

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from icpshap import ranking
+from icpshap.errors import UserError
 
 REFERENCE = Path(__file__).parent.parent / "reference"
 SOURCES = ["sensor_noise", "initial_pose", "partial_overlap"]
@@ -166,7 +167,7 @@ def test_few_pairs_are_named():
 
 def test_tables_of_different_runs_are_refused():
     shap, resampled = tables(CLEAR)
-    with pytest.raises(ValueError, match=r"room: 12 pairs .* 11 have resamples.\nHint: make both"):
+    with pytest.raises(UserError, match=r"room: 12 pairs .* 11 have resamples.\nHint: make both"):
         rank(shap, resampled[resampled["reference"] != 5])
 
 

@@ -1,6 +1,7 @@
 """The configuration: what it says, and what it is told when it is wrong."""
 
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -8,14 +9,27 @@ import yaml
 from conftest import REPOSITORY
 from snakemake.utils import update_config
 
-from icpshap import plan, settings
+from icpshap import plan, provenance, settings
+from icpshap.parameters import Estimator
 from icpshap.sources import NAMES
+from icpshap.uncertainty import MINIMUM_RUNS
 
 
 def errors_of(config):
     with pytest.raises(settings.SettingsError) as caught:
         settings.load(config)
     return str(caught.value)
+
+
+def change(config, path, value):
+    *parents, key = path.split(".")
+    block = config
+    for parent in parents:
+        block = block[parent]
+    if value is None:
+        del block[key]
+    else:
+        block[key] = value
 
 
 def test_the_paper_is_the_default(paper):
@@ -62,6 +76,48 @@ def test_strings_of_the_command_line_become_what_the_schema_wants(config):
     assert paper.common_random_numbers is False
 
 
+@pytest.mark.parametrize("runs", ["1e2", 100.0, "100.0", "100"])
+def test_an_integer_may_be_written_as_a_float(config, runs):
+    config["estimators"]["paper"]["runs"] = runs
+    loaded = settings.load(config).estimators["paper"].runs
+    assert (loaded, type(loaded)) == (100, int)
+
+
+def test_a_large_integer_loses_no_digit_on_the_command_line(config):
+    config["seed"] = "9007199254740993"
+    assert settings.load(config).seed == 9007199254740993
+
+
+@pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan"), "inf", "NaN"])
+@pytest.mark.parametrize(
+    "path",
+    [
+        "seed",
+        "perturbation.overlap_distance",
+        "estimators.paper.maximum_distance",
+        "experiments.different_perturbations.instances.grid.sensor_noise.stop",
+        "experiments.same_perturbation.instances.fixed.initial_pose",
+    ],
+)
+def test_numbers_must_be_finite(config, path, value):
+    change(config, path, value)
+    message = errors_of(config)
+    assert "1 error(s)" in message
+    assert f"{path}: expected a finite number, found {float(value)}. Hint: " in message
+
+
+def test_an_infinite_level_of_a_list_is_named(config):
+    path = "experiments.different_perturbations.instances.grid.sensor_noise"
+    change(config, path, [0, float("inf")])
+    assert f"{path}.1: expected a finite number, found inf" in errors_of(config)
+
+
+def test_the_fewest_runs_are_those_that_give_a_value():
+    runs = settings.read_schema()["$defs"]["estimator"]["properties"]["runs"]
+    assert runs["minimum"] == MINIMUM_RUNS
+    assert f"fewer than {MINIMUM_RUNS}" in runs["description"]
+
+
 def test_an_estimator_takes_what_it_does_not_give(config):
     config["estimators"]["mine"] = {"based_on": "robust", "runs": 200}
     mine, robust = (settings.load(config).estimators[name] for name in ("mine", "robust"))
@@ -83,14 +139,28 @@ def test_all_errors_at_once(config):
     assert "Hint:" in message
 
 
-def grid(**levels):
-    default = {"sensor_noise": [0], "initial_pose": [1], "partial_overlap": [0]}
-    return {"instances": {"grid": {**default, **levels}}, "waterfall": None}
-
+ONE_VALUE = {"sensor_noise": 0.05, "initial_pose": 1.5, "partial_overlap": 0.05}
 
 # Change at a path of the configuration (None removes the key), and what the error must say.
 MISTAKES = [
-    ("sequences", ["stair"], "sequences: unknown name 'stair', did you mean 'stairs'?"),
+    ("sequences", ["stair"], "unknown name 'stair', did you mean 'stairs'? Hint: define it under"),
+    ("run", ["mine"], "different_perturbations, same_perturbation. Hint: define it under experim"),
+    (
+        "sequences",
+        "stairs",
+        "expected a list, found 'stairs'. Hint: --config 'sequences=[stairs]'",
+    ),
+    (
+        "experiments.same_perturbation.sequences",
+        "eth",
+        "found 'eth'. Hint: --config 'experiments={same_perturbation: {sequences: [eth]}}'",
+    ),
+    (
+        "experiments.different_perturbations.instances.grid.sensor_noise",
+        0.05,
+        "expected a list, found 0.05. Hint: --config 'experiments={different_perturbations: "
+        "{instances: {grid: {sensor_noise: [0.05]}}}}'",
+    ),
     ("seed", "x", "seed: 'x' is not of type 'integer'"),
     ("seed", -1, "seed: -1 is less than the minimum of 0"),
     ("data.eth.scans", 1, "data.eth.scans: 1 is less than the minimum of 2"),
@@ -127,7 +197,25 @@ MISTAKES = [
         "reference and source are both scan 3",
     ),
     ("experiments.different_perturbations.waterfall", None, "asks for a waterfall plot"),
-    ("experiments.different_perturbations.waterfall.initial_pose", 1.15, "is not a level of the g"),
+    (
+        "experiments.different_perturbations.waterfall.initial_pose",
+        1.15,
+        "1.15 is not a level of the grid. Hint: its levels are 1, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6",
+    ),
+    (
+        "experiments.different_perturbations.instances.fixed",
+        ONE_VALUE,
+        "instances: expected either grid or fixed, found both. Hint: mappings of several config",
+    ),
+    (
+        "experiments.comparison",
+        {"based_on": "same_perturbation"},
+        "results has a folder comparison",
+    ),
+    ("data.figures", {"scans": 2, "folder": {"path": "x"}}, "data.figures: the name is taken"),
+    ("data.tables", {"scans": 2, "folder": {"path": "x"}}, "data.tables: the name is taken"),
+    ("estimators.paper.runs", 49, "runs: 49 is less than the minimum of 50"),
+    ("estimators.paper.runs", "1e-2", "runs: 0.01 is not of type 'integer'"),
     (
         "experiments.different_perturbations.instances.grid.sensor_noise",
         [-0.01],
@@ -160,14 +248,7 @@ MISTAKES = [
     ("path", "value", "message"), MISTAKES, ids=[f"{m[0]}={m[1]}"[:70] for m in MISTAKES]
 )
 def test_every_mistake_is_named(config, path, value, message):
-    *parents, key = path.split(".")
-    block = config
-    for parent in parents:
-        block = block[parent]
-    if value is None:
-        del block[key]
-    else:
-        block[key] = value
+    change(config, path, value)
     assert message in errors_of(config)
 
 
@@ -191,7 +272,7 @@ def test_every_key_of_the_estimator_has_a_comment_in_the_config():
     text = (REPOSITORY / "config.yaml").read_text()
     block = text[text.index("  paper:") : text.index("  released_code:")]
     keys = re.findall(r"^    (\w+):", block, flags=re.MULTILINE)
-    assert sorted(keys) == sorted(settings.Estimator.__dataclass_fields__)
+    assert sorted(keys) == sorted(Estimator.__dataclass_fields__)
     schema = settings.read_schema()["$defs"]["estimator"]["properties"]
     assert sorted(schema) == sorted([*keys, "based_on"])
 
@@ -201,3 +282,19 @@ def test_registration_is_the_part_that_decides_the_pose_samples(paper):
     assert not hasattr(registration, "divergence")
     assert registration.runs == 100
     assert np.isclose(registration.kept_links, 0.7)
+
+
+def test_another_error_text_is_no_reason_to_register_again(tmp_path, monkeypatch):
+    library = tmp_path / "icpshap"
+    shutil.copytree(REPOSITORY / "icpshap", library)
+    monkeypatch.setattr(provenance, "LIBRARY", library)
+    script = REPOSITORY / "workflow" / "scripts" / "run_icp.py"
+
+    def digest_after_a_change_of(name):
+        with open(library / name, "a") as module:
+            module.write("changed = True\n")
+        return provenance.code_digest(script)
+
+    before = provenance.code_digest(script)
+    assert digest_after_a_change_of("settings.py") == before
+    assert digest_after_a_change_of("parameters.py") != before

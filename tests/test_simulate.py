@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from icpshap import dataset, se3, simulate
+from icpshap.errors import UserError
 from icpshap.open3d_loader import load_open3d
 
 BEAMS = {"apartment": 14_000, "stairwell": 12_000, "plain": 18_500}
@@ -152,10 +153,10 @@ def test_full_resolution_scan():
 
 def test_more_scans_than_the_path_holds():
     limit = simulate.maximum_scans("plain")
-    with pytest.raises(ValueError, match=rf"scans: {limit + 1} do not fit .* at most {limit} do"):
+    with pytest.raises(UserError, match=rf"scans: {limit + 1} do not fit .* at most {limit} do"):
         simulate_sequence("plain", limit + 1, 1_000, 1)
 
 
 def test_more_beams_than_a_full_scan_has():
-    with pytest.raises(ValueError, match="beams: 400000 are more than the 367540 of a full scan"):
+    with pytest.raises(UserError, match="beams: 400000 are more than the 367540 of a full scan"):
         simulate.simulate_scan("plain", 0, np.eye(4), 400_000, 1)

@@ -5,6 +5,7 @@ import pytest
 from known_runs import SOURCES, runs_table
 
 from icpshap import divergence, uncertainty
+from icpshap.errors import UserError
 from icpshap.tables import XI
 from icpshap.uncertainty import Method
 
@@ -171,7 +172,7 @@ def test_runs_in_a_wrong_basin_have_no_say_in_the_memory():
 
 def test_a_singular_covariance_without_a_floor_is_an_error():
     runs = runs_table().assign(xi_2=0.01)
-    with pytest.raises(ValueError, match=r"singular: .*\nHint: set covariance_floor_rotation"):
+    with pytest.raises(UserError, match=r"singular: .*\nHint: set covariance_floor_rotation"):
         table_of(runs, covariance_floor_rotation=0.0, covariance_floor_translation=0.0)
     assert table_of(runs)["f"].notna().all()
 
@@ -189,14 +190,14 @@ def test_a_clean_covariance_made_by_the_floor_or_the_stopping_rule_is_named():
 
 def test_settings_must_have_the_same_runs():
     runs = runs_table()
-    with pytest.raises(ValueError, match=r"1 of 9 settings .* runs 0 to 99 .*\nHint: a file"):
+    with pytest.raises(UserError, match=r"1 of 9 settings .* runs 0 to 99 .*\nHint: a file"):
         uncertainty.samples(runs.drop(index=250), NAMES)
-    with pytest.raises(ValueError, match="sensor_noise"):
+    with pytest.raises(UserError, match="sensor_noise"):
         uncertainty.samples(runs.drop(index=range(400, 450)), NAMES)
 
 
 def test_a_setting_that_was_not_run_is_named():
     (sample,) = uncertainty.samples(runs_table(), NAMES)
-    with pytest.raises(KeyError, match=r"1 settings have no runs, the first is sensor_noise 0.07"):
+    with pytest.raises(UserError, match=r"1 settings have no runs, the first is sensor_noise 0.07"):
         sample.rows([[0.07, 1.0, 0.0], [0.05, 1.0, 0.0]])
     assert sample.rows([0.05, 1.0, 0.0]) == list(map(tuple, sample.settings)).index((0.05, 1, 0))

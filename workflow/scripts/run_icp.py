@@ -3,8 +3,8 @@
 from icpshap import estimators, perturbation, provenance, tables
 from icpshap.logs import job_log
 from icpshap.pairs import read_pair
+from icpshap.parameters import Perturbation, Registration
 from icpshap.plan import Setting
-from icpshap.settings import Perturbation, Registration
 
 
 def run_icp(paths, output, sequence, indices, params):
