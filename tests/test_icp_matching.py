@@ -10,7 +10,7 @@ from icpshap.icp.matching import match, work_arrays
 GENERATORS = {
     "random": lambda rng: rng.normal(size=(2000, 3)),
     "duplicates": lambda rng: np.repeat(rng.normal(size=(60, 3)), 9, axis=0)[rng.permutation(540)],
-    "many_duplicates": lambda rng: np.repeat(rng.normal(size=(4, 3)), 400, axis=0),
+    "many_duplicates": lambda rng: np.repeat(rng.normal(size=(4, 3)), 300, axis=0),
     "collinear": lambda rng: rng.normal(size=(800, 1)) * [1.0, 2.0, -1.0] + [3.0, 0, 0],
     "lattice": lambda rng: rng.integers(0, 8, (1500, 3)).astype(float),
     "dense_near_the_scanner": lambda rng: (
@@ -48,7 +48,7 @@ def engine_matches(reference, queries, matches, limit=np.inf):
     found = np.empty(count * matches, dtype=np.int32)
     distance = np.empty(count * matches)
     stack = np.empty(kdtree.STACK, dtype=np.int32)
-    for _ in range(40):  # again and again, so that the lists are divided down to the finest cubes
+    for _ in range(15):  # again and again, so that the lists are divided down to the finest cubes
         match(tree, lists, matches, limit, count, work, found, distance, stack)
     index = np.where(found >= 0, tree.index[found], -1)
     return distance.reshape(-1, matches), index.reshape(-1, matches), queries, reference

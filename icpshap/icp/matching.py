@@ -41,7 +41,7 @@ class Work(NamedTuple):
     group_end: np.ndarray  # (n,) int32 end of each group in `order`
     lane: np.ndarray  # (3 LANES,) coordinates of the queries that share a list
     key: np.ndarray  # (6 LANES,) int64 smallest keys, one row of LANES for each rank
-    squared: np.ndarray  # (PACKED,) squared distances of one query's candidates
+    all_keys: np.ndarray  # (PACKED,) int64 keys of one query's candidates
 
 
 def work_arrays(queries):
@@ -49,7 +49,7 @@ def work_arrays(queries):
     coordinates = [np.empty(queries) for _ in range(3)]
     integers = [np.empty(queries, dtype=np.int32) for _ in range(4)]
     lane, key = np.zeros(3 * LANES), np.zeros(6 * LANES, dtype=np.int64)
-    return Work(*coordinates, *integers, lane, key, np.empty(PACKED))
+    return Work(*coordinates, *integers, lane, key, np.empty(PACKED, dtype=np.int64))
 
 
 @jit
@@ -102,26 +102,18 @@ def _keys_of_many(points, records, first, count, lane, key, lanes, matches):
 
 
 @jit
-def _keys_of_one(points, records, first, count, x, y, z, squared, key):
-    """Smallest keys of one query, into the first lane."""
+def _keys_of_one(points, records, first, count, x, y, z, matches, all_keys, key):
+    """Smallest keys of one query, into the first lane; the vector lanes are its candidates."""
     for k in range(count):
-        squared[k] = _squared_distance(points, records[first + k], x, y, z)
-    a = b = c = d = e = f = LARGEST
-    for k in range(count):
-        v = (bits(squared[k]) & ~PLACE) | k
-        w = max(a, v)
-        a = min(a, v)
-        v = max(b, w)
-        b = min(b, w)
-        w = max(c, v)
-        c = min(c, v)
-        v = max(d, w)
-        d = min(d, w)
-        w = max(e, v)
-        e = min(e, v)
-        f = min(f, w)
-    key[0], key[LANES], key[2 * LANES] = a, b, c
-    key[3 * LANES], key[4 * LANES], key[5 * LANES] = d, e, f
+        all_keys[k] = (bits(_squared_distance(points, records[first + k], x, y, z)) & ~PLACE) | k
+    last = np.int64(-1)
+    for t in range(matches + 1):
+        smallest = LARGEST
+        for k in range(count):
+            candidate = all_keys[k]
+            smallest = min(smallest, candidate if candidate > last else LARGEST)
+        key[t * LANES] = smallest
+        last = smallest
 
 
 @jit
@@ -179,7 +171,7 @@ def match(tree, lists, matches, limit, count, work, found, distance, stack):
     points, index, records = tree.points, tree.index, lists.records
     qx, qy, qz, where, order = work.x, work.y, work.z, work.where, work.order
     group_list, group_end = work.group_list, work.group_end
-    lane, key, squared = work.lane, work.key, work.squared
+    lane, key, all_keys = work.lane, work.key, work.all_keys
     locate(tree, lists, matches, qx, qy, qz, count, where)
     for i in range(count):
         if where[i] < 0:
@@ -199,7 +191,9 @@ def match(tree, lists, matches, limit, count, work, found, distance, stack):
                 lanes = 1
             elif step == 1:
                 i = order[begin]
-                _keys_of_one(points, records, first, length, qx[i], qy[i], qz[i], squared, key)
+                _keys_of_one(
+                    points, records, first, length, qx[i], qy[i], qz[i], matches, all_keys, key
+                )
             else:
                 padded = (lanes + 7) & ~7
                 for j in range(padded):
