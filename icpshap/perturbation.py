@@ -104,8 +104,8 @@ def set_overlap(pair, reference, source, reduction, distance, generator):
 
     The target is round(O - reduction, 2) with O of the clean scans; within 1e-3 of the clean or
     the noisy ratio nothing is done; where the noise left too little overlap, reference points are
-    copied with N(0, 1 mm). reference (n, 3) and source (m, 3) [m] are the noisy scans. Raises PerturbationError as
-    `reduce_overlap` does.
+    copied with N(0, 1 mm). reference (n, 3) and source (m, 3) [m] are the noisy scans. Raises
+    PerturbationError as `reduce_overlap` does.
     """
     target = round(pair.overlap - reduction, 2)
     if abs(target - pair.overlap) < 1e-3:
