@@ -1,10 +1,11 @@
 """Candidate lists: for a cube of space, every point that can be among the k nearest of some query.
 
 Idea (after Drost and Ilic, Machine Vision and Applications 29, 2018): cut space into cubes; a
-query reads its cube's list, some twenty points, and never walks a tree. A cube is filled when a
-query first falls into it, from the list of the cube around it; three sizes of cube, each a quarter
-of the one above. A cube is split only while its list is long and only once so many candidates have
-been scanned in it that the split will pay, which bounds the time and the memory of filling.
+query reads its cube's list, some forty points, and never walks a tree. A cube is filled when a
+query first falls into it, from the list of the cube around it; nine sizes of cube, each half the
+one above, so that crowded space is cut finer. A cube is split only while its list is long, and only
+once so many candidates have been scanned in it that the split will pay, which bounds the time and
+the memory of filling.
 
 Exactness: let c be the cube's centre and e half its side. Point s is nearer than q to *every* x of
 the cube if |q-c|^2 - |s-c|^2 > 2 e |q-s|_1, a half-space that contains a box. A point is dropped
@@ -12,7 +13,7 @@ only if k others are nearer to every x in this sense (with a margin far above ro
 list ever misses one of the k nearest, equal distances included. The lists therefore shorten the
 search and cannot change its result: they may be shared by runs in any order.
 
-Measured, 350,000 points, 3 matches: docs/engine.md.
+Measured: docs/engine.md.
 """
 
 import math
@@ -22,14 +23,14 @@ import numpy as np
 
 from icpshap.icp import kdtree
 from icpshap.icp.compiled import jit, prefetch
+from icpshap.icp.network import LONGEST
 
 UNFILLED = -1
-SIDE = 24.0  # of the coarsest cubes, in median distances to the sixth neighbour
+SIDE = 12.0  # of the coarsest cubes, in median distances to the sixth neighbour
 COARSEST_CUBES = 2**22  # at most about this many; larger cubes where space is mostly empty
-LEVELS = 5  # sizes of cubes
-SHORT = 40  # a list this short is never split
-WORTH_SPLITTING = 32_768  # candidates scanned in a cube before it is split
-PACKED = 255  # longest list whose positions fit beside a squared distance (see matching)
+LEVELS = 9  # sizes of cubes, each half the one above
+SHORT = 64  # a list this short is never split
+WORTH_SPLITTING = 131_072  # candidates scanned in a cube before it is split
 DOMINATORS = 8  # points beyond the k nearest to the centre that are tried as the nearer point
 HEADER = 3  # integers before the points of a list record: length, candidates scanned, group
 
@@ -40,8 +41,8 @@ class Lists(NamedTuple):
     origin: np.ndarray  # (3,) lower corner of the cubed box [m]
     shape: np.ndarray  # (3,) int64 number of coarsest cubes along each axis
     side: np.ndarray  # (1,) side of the coarsest cubes [m]
-    cells: np.ndarray  # int32: coarsest cubes, then 64 children each; UNFILLED, first child or list
-    parent: np.ndarray  # int32: list of the cube that each 64 children divide
+    cells: np.ndarray  # int32: coarsest cubes, then 8 children each; UNFILLED, first child or list
+    parent: np.ndarray  # int32: list of the cube that each 8 children divide
     records: np.ndarray  # int32: the lists, HEADER and positions in tree order
     used: np.ndarray  # (2,) int64: cells and record integers in use
     scratch: np.ndarray  # (n,) int32 candidates of a coarsest cube
@@ -59,14 +60,14 @@ def empty_lists(tree):
     side = max(SIDE * spacing, np.cbrt(np.prod(extent) / COARSEST_CUBES))
     shape = np.ceil(extent / side).astype(np.int64)
     coarsest = int(np.prod(shape))
-    cells = np.full(coarsest + 64 * (1000 + 4 * n), UNFILLED, dtype=np.int32)
+    cells = np.full(coarsest + 8 * (8000 + 16 * n), UNFILLED, dtype=np.int32)
     return Lists(
         origin=low - margin,
         shape=shape,
         side=np.array([side]),
         cells=cells,
-        parent=np.empty((len(cells) - coarsest) // 64, dtype=np.int32),
-        records=np.empty(1_000_000 + 400 * n, dtype=np.int32),
+        parent=np.empty((len(cells) - coarsest) // 8, dtype=np.int32),
+        records=np.empty(1_000_000 + 300 * n, dtype=np.int32),
         used=np.array([coarsest, 0]),
         scratch=np.empty(n, dtype=np.int32),
         scratch_distance=np.empty(n),
@@ -139,7 +140,7 @@ def locate(tree, lists, matches, x, y, z, count, where):
     origin, cells, records, used = lists.origin, lists.cells, lists.records, lists.used
     shape = lists.shape
     last = LEVELS - 1
-    side = lists.side[0] / (1 << 2 * last)  # of the finest cubes
+    side = lists.side[0] / (1 << last)  # of the finest cubes
     per_metre = 1.0 / side
     coarsest = shape[0] * shape[1] * shape[2]
     best = np.empty(matches + DOMINATORS, np.int32)
@@ -150,20 +151,20 @@ def locate(tree, lists, matches, x, y, z, count, where):
         fy = (y[i] - origin[1]) * per_metre
         fz = (z[i] - origin[2]) * per_metre
         inside = fx >= 0.0 and fy >= 0.0 and fz >= 0.0
-        inside = inside and fx < shape[0] << 2 * last and fy < shape[1] << 2 * last
-        inside = inside and fz < shape[2] << 2 * last
+        inside = inside and fx < shape[0] << last and fy < shape[1] << last
+        inside = inside and fz < shape[2] << last
         if not inside:
             where[i] = -1
             continue
         ix, iy, iz = np.int64(fx), np.int64(fy), np.int64(fz)
         level = last
-        shift = 2 * last
+        shift = last
         cell = ((iz >> shift) * shape[1] + (iy >> shift)) * shape[0] + (ix >> shift)
         record = children = np.int64(-1)
         while True:
             entry = np.int64(cells[cell])
             if entry == UNFILLED:
-                shift = 2 * level
+                shift = level
                 width = side * (1 << shift)
                 cx = origin[0] + ((ix >> shift) + 0.5) * width
                 cy = origin[1] + ((iy >> shift) + 0.5) * width
@@ -175,7 +176,7 @@ def locate(tree, lists, matches, x, y, z, count, where):
                         tree, lists, matches, cx, cy, cz, 0.5 * width, best, best_distance, stack
                     )
                 else:
-                    record = np.int64(lists.parent[(children - coarsest) >> 6])
+                    record = np.int64(lists.parent[(children - coarsest) >> 3])
                     if used[1] + HEADER + records[record] > records.shape[0]:
                         break
                     inherited = records[record + HEADER : record + HEADER + records[record]]
@@ -202,18 +203,18 @@ def locate(tree, lists, matches, x, y, z, count, where):
                     break
                 length = records[record]
                 records[record + 1] += length
-                if records[record + 1] < WORTH_SPLITTING and length <= PACKED:
+                if records[record + 1] < WORTH_SPLITTING and length <= LONGEST:
                     break
-                if used[0] + 64 > cells.shape[0]:
+                if used[0] + 8 > cells.shape[0]:
                     break
                 entry = used[0]
-                used[0] += 64
-                lists.parent[(entry - coarsest) >> 6] = record
+                used[0] += 8
+                lists.parent[(entry - coarsest) >> 3] = record
                 cells[cell] = entry
             children = entry
             level -= 1
-            shift = 2 * level
-            child = (((iz >> shift) & 3) * 4 + ((iy >> shift) & 3)) * 4 + ((ix >> shift) & 3)
+            shift = level
+            child = ((iz >> shift) & 1) * 4 + ((iy >> shift) & 1) * 2 + ((ix >> shift) & 1)
             cell = children + child
         where[i] = record
 

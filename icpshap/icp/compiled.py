@@ -34,16 +34,6 @@ numba.config.CACHE_DIR = _cache_directory()
 
 
 @intrinsic
-def bits(typing_context, value):
-    """The bit pattern of a float64 as int64; for values >= 0 both have the same order."""
-
-    def generate(context, builder, signature, arguments):
-        return builder.bitcast(arguments[0], context.get_value_type(types.int64))
-
-    return types.int64(types.float64), generate
-
-
-@intrinsic
 def prefetch(typing_context, array, position):
     """Ask for the cache line of array[position]; changes nothing but the time to read it."""
 

@@ -1,16 +1,13 @@
 """Matching: the k nearest reference points of a block of queries.
 
-Idea: the queries of a block, all runs together, are sorted by candidate list. Each list is then
-read once for all the queries in its cube, and the loop over those queries is a vector loop: per
-candidate a squared distance and a network of integer minima and maxima that keeps the smallest
-few. A squared distance is compared as an integer with the candidate's place in the list in its
-lowest 8 bits, so distance and place move together.
+Idea: the queries of a block, all runs together, are sorted by candidate list, in linear time. Each
+list is then read once for all the queries in its cube, eight queries at a time (`network`).
 
-Exactness: two squared distances that agree in all but those 8 bits would be ordered by place, so
-the network keeps one more than k; whenever two neighbours in that order agree above the 8 bits,
-the query is repeated with full distances, equal ones by lowest index. Distances are computed by
-the same operations as in the k-d tree, which answers the queries outside the lists: which way a
-query is answered cannot be seen in the result.
+Exactness: the network orders squared distances without their last 8 bits, so it keeps one more
+than k; whenever two neighbours in that order agree in all other bits, the query is repeated with
+full distances, equal ones by lowest index. Distances are computed by the same operations as in the
+k-d tree, which answers the queries outside the lists: which way a query is answered cannot be seen
+in the result.
 
 Measured: docs/engine.md.
 """
@@ -20,13 +17,16 @@ from typing import NamedTuple
 import numpy as np
 
 from icpshap.icp import kdtree
-from icpshap.icp.candidates import HEADER, PACKED, locate
-from icpshap.icp.compiled import bits, jit
-
-LANES = 64
-FEW = 3  # queries of one list that are faster one by one, vector lanes over the candidates
-LARGEST = np.int64(0x7FFFFFFFFFFFFFFF)
-PLACE = np.int64(PACKED)
+from icpshap.icp.candidates import HEADER, locate
+from icpshap.icp.compiled import jit
+from icpshap.icp.network import (
+    LANES,
+    LONGEST,
+    PLACE,
+    four_smallest_keys,
+    six_smallest_keys,
+    two_smallest_keys,
+)
 
 
 class Work(NamedTuple):
@@ -41,7 +41,6 @@ class Work(NamedTuple):
     group_end: np.ndarray  # (n,) int32 end of each group in `order`
     lane: np.ndarray  # (3 LANES,) coordinates of the queries that share a list
     key: np.ndarray  # (6 LANES,) int64 smallest keys, one row of LANES for each rank
-    all_keys: np.ndarray  # (PACKED,) int64 keys of one query's candidates
 
 
 def work_arrays(queries):
@@ -49,71 +48,13 @@ def work_arrays(queries):
     coordinates = [np.empty(queries) for _ in range(3)]
     integers = [np.empty(queries, dtype=np.int32) for _ in range(4)]
     lane, key = np.zeros(3 * LANES), np.zeros(6 * LANES, dtype=np.int64)
-    return Work(*coordinates, *integers, lane, key, np.empty(PACKED, dtype=np.int64))
+    return Work(*coordinates, *integers, lane, key)
 
 
 @jit
 def _squared_distance(points, q, x, y, z):
     dx, dy, dz = points[q, 0] - x, points[q, 1] - y, points[q, 2] - z
     return dx * dx + dy * dy + dz * dz
-
-
-@jit
-def _keys_of_many(points, records, first, count, lane, key, lanes, matches):
-    """Smallest keys of queries that share a list: rows of `key`, ascending, matches + 1 or more."""
-    for j in range((2 if matches == 1 else 4 if matches <= 3 else 6) * LANES):
-        key[j] = LARGEST
-    for k in range(count):
-        q = records[first + k]
-        qx, qy, qz = points[q, 0], points[q, 1], points[q, 2]
-        if matches == 1:
-            for j in range(lanes):
-                dx, dy, dz = qx - lane[j], qy - lane[LANES + j], qz - lane[2 * LANES + j]
-                a = (bits(dx * dx + dy * dy + dz * dz) & ~PLACE) | k
-                b = max(a, key[j])
-                key[j] = min(a, key[j])
-                key[LANES + j] = min(b, key[LANES + j])
-        elif matches <= 3:
-            for j in range(lanes):
-                dx, dy, dz = qx - lane[j], qy - lane[LANES + j], qz - lane[2 * LANES + j]
-                a = (bits(dx * dx + dy * dy + dz * dz) & ~PLACE) | k
-                b = max(a, key[j])
-                key[j] = min(a, key[j])
-                c = max(b, key[LANES + j])
-                key[LANES + j] = min(b, key[LANES + j])
-                d = max(c, key[2 * LANES + j])
-                key[2 * LANES + j] = min(c, key[2 * LANES + j])
-                key[3 * LANES + j] = min(d, key[3 * LANES + j])
-        else:
-            for j in range(lanes):
-                dx, dy, dz = qx - lane[j], qy - lane[LANES + j], qz - lane[2 * LANES + j]
-                a = (bits(dx * dx + dy * dy + dz * dz) & ~PLACE) | k
-                b = max(a, key[j])
-                key[j] = min(a, key[j])
-                c = max(b, key[LANES + j])
-                key[LANES + j] = min(b, key[LANES + j])
-                d = max(c, key[2 * LANES + j])
-                key[2 * LANES + j] = min(c, key[2 * LANES + j])
-                e = max(d, key[3 * LANES + j])
-                key[3 * LANES + j] = min(d, key[3 * LANES + j])
-                f = max(e, key[4 * LANES + j])
-                key[4 * LANES + j] = min(e, key[4 * LANES + j])
-                key[5 * LANES + j] = min(f, key[5 * LANES + j])
-
-
-@jit
-def _keys_of_one(points, records, first, count, x, y, z, matches, all_keys, key):
-    """Smallest keys of one query, into the first lane; the vector lanes are its candidates."""
-    for k in range(count):
-        all_keys[k] = (bits(_squared_distance(points, records[first + k], x, y, z)) & ~PLACE) | k
-    last = np.int64(-1)
-    for t in range(matches + 1):
-        smallest = LARGEST
-        for k in range(count):
-            candidate = all_keys[k]
-            smallest = min(smallest, candidate if candidate > last else LARGEST)
-        key[t * LANES] = smallest
-        last = smallest
 
 
 @jit
@@ -171,7 +112,7 @@ def match(tree, lists, matches, limit, count, work, found, distance, stack):
     points, index, records = tree.points, tree.index, lists.records
     qx, qy, qz, where, order = work.x, work.y, work.z, work.where, work.order
     group_list, group_end = work.group_list, work.group_end
-    lane, key, all_keys = work.lane, work.key, work.all_keys
+    lane, key = work.lane, work.key
     locate(tree, lists, matches, qx, qy, qz, count, where)
     for i in range(count):
         if where[i] < 0:
@@ -184,29 +125,23 @@ def match(tree, lists, matches, limit, count, work, found, distance, stack):
         first = group_list[group] + HEADER
         length = records[group_list[group]]
         end = group_end[group]
-        step = LANES if end - begin > FEW else 1
         while begin < end:
-            lanes = min(step, end - begin)
-            if length > PACKED:
-                lanes = 1
-            elif step == 1:
-                i = order[begin]
-                _keys_of_one(
-                    points, records, first, length, qx[i], qy[i], qz[i], matches, all_keys, key
-                )
-            else:
-                padded = (lanes + 7) & ~7
-                for j in range(padded):
+            lanes = min(LANES, end - begin)
+            if length <= LONGEST:
+                for j in range(LANES):
                     i = order[begin + min(j, lanes - 1)]
-                    lane[j] = qx[i]
-                    lane[LANES + j] = qy[i]
-                    lane[2 * LANES + j] = qz[i]
-                _keys_of_many(points, records, first, length, lane, key, padded, matches)
+                    lane[j], lane[LANES + j], lane[2 * LANES + j] = qx[i], qy[i], qz[i]
+                if matches == 1:
+                    two_smallest_keys(points, records, first, length, lane, key)
+                elif matches <= 3:
+                    four_smallest_keys(points, records, first, length, lane, key)
+                else:
+                    six_smallest_keys(points, records, first, length, lane, key)
             for j in range(lanes):
                 i = order[begin + j]
                 x, y, z = qx[i], qy[i], qz[i]
                 link = i * matches
-                tied = length > PACKED
+                tied = length > LONGEST
                 if not tied:
                     for t in range(matches):
                         this = key[t * LANES + j]
