@@ -38,7 +38,7 @@ def test_the_experiment_costs_its_members_and_the_directory(archive, tmp_path, m
     assert project.planned(*nowhere)["fetch_scan"] == 2  # planning needs no network
     with MisbehavingServer(archive, ["drop", "busy", "truncate"]) as server:
         arguments = configured(project, server.url, archive)
-        project.run(*arguments)
+        project.run(*arguments, "--", "results/tiny_fixed/shap.parquet")
         needed = member_bytes(archive, "Hokuyo_0.csv", "Hokuyo_1.csv", "leica.csv")
         # Three jobs read the directory, a block or two; a fault costs a repeated block at most.
         assert needed <= server.bytes_sent <= needed + 7 * remote_file.SMALL_BLOCK
@@ -46,7 +46,9 @@ def test_the_experiment_costs_its_members_and_the_directory(archive, tmp_path, m
         assert server.most_connections <= 2
     assert (tmp_path / "results/tiny_fixed/shap.parquet").is_file()
     assert not list(tmp_path.glob("resources/tiny_remote/archive/*.part"))
-    assert "Nothing to be done" in project.run(*arguments)  # with the server gone
+    assert "Nothing to be done" in project.run(
+        *arguments, "--", "results/tiny_fixed/shap.parquet"
+    )  # with the server gone
 
 
 def test_another_scan_count_stops_with_both_numbers(archive, tmp_path, monkeypatch):

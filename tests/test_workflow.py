@@ -78,7 +78,7 @@ def test_same_bytes_with_other_cores_and_other_chunks(finished, project):
     tables = [
         f"results/{experiment}/{table}.parquet"
         for experiment in ("tiny_grid", "tiny_fixed")
-        for table in ("uncertainty", "shap", "resampled")
+        for table in ("uncertainty", "shap")
     ]
     project.tiny("--config", "runs_per_job=10000", "--", *tables, cores=1)
     for pattern in ("results/*/*.parquet", "results/*/*/*.parquet", "resources/**/*.parquet"):
@@ -267,7 +267,7 @@ def test_real_pair(project, real_data):
     }
     config |= {"sequences": ["pair"], "run": ["real"]}
     (project.folder / "tiny.yaml").write_text(yaml.safe_dump(config))
-    project.tiny()
+    project.tiny("--", "results/real/shap.parquet")
     shap = pd.read_parquet(project.folder / "results" / "real" / "shap.parquet").iloc[0]
     others = [abs(shap["phi_initial_pose"]), abs(shap["phi_partial_overlap"])]
     assert shap["phi_sensor_noise"] > 5 * max(others)
