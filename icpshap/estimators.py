@@ -7,14 +7,29 @@ are built once for each noise level and noise draw, and runs that share them go 
 
 from collections import defaultdict
 from functools import cache, cached_property
+from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from icpshap import icp, perturbation, se3
 from icpshap.divergence import GOOD_STATUS, wrong_basin
+from icpshap.plan import Setting
 from icpshap.sources import NAMES
 from icpshap.tables import INITIAL_XI, TRANSFORM, XI
+
+RUNS_AT_ONCE = 1200  # runs that go through the search index together; more only cost memory
+
+
+class Start(NamedTuple):
+    """The runs of a setting before ICP: source points (m, 3) [m], rows and initial pose of each."""
+
+    setting: Setting
+    source: np.ndarray
+    rows: list
+    initial_xi: np.ndarray
+    T_initial: np.ndarray
 
 
 def register_settings(pair, settings, registration, perturbation_settings, streams):
@@ -39,12 +54,13 @@ def register_settings(pair, settings, registration, perturbation_settings, strea
             reference, once_noisy, source = sampler.noisy_clouds(sigma, noise_draw)
             in_range = icp.minimum_range(reference, registration.minimum_range)
             target = icp.Reference(reference[in_range], registration.normal_neighbours)
+            starts = []
             for reduction, members in _grouped(level, lambda s: s.values[2]):
                 left, kept = sampler.reduce_overlap(once_noisy, source, reduction)
                 usable = kept & icp.minimum_range(left, registration.minimum_range)
                 rows = [sampler.rows(usable, run) for run in runs]
-                starts = [
-                    perturbation.initial_poses(
+                for setting in members:
+                    xi, T_initial = perturbation.initial_poses(
                         pair.T_reference_source,
                         setting.values[1],
                         sampler.initial_pose_draws[runs],
@@ -52,14 +68,15 @@ def register_settings(pair, settings, registration, perturbation_settings, strea
                         registration.initial_pose_scaling,
                         registration.initial_pose_composition,
                     )
-                    for setting in members
-                ]
-                T_initial = np.concatenate([T for _, T in starts])
-                result = icp.register(target, left, rows * len(members), T_initial, chain)
-                for k, (setting, (initial_xi, _)) in enumerate(zip(members, starts, strict=True)):
+                    starts.append(Start(setting, left, rows, xi, T_initial))
+            for batch in _batches(starts, max(1, RUNS_AT_ONCE // len(runs))):
+                rows = [run for start in batch for run in start.rows]
+                T_initial = np.concatenate([start.T_initial for start in batch])
+                result = icp.register(target, batch[0].source, rows, T_initial, chain)
+                for k, start in enumerate(batch):
                     part = slice(k * len(runs), (k + 1) * len(runs))
-                    frame = _runs_frame(pair, setting, runs, noise_draw, initial_xi, result, part)
-                    tables[setting].append(frame)
+                    frame = _runs_frame(pair, start, runs, noise_draw, result, part)
+                    tables[start.setting].append(frame)
     return pd.concat(
         [mark_wrong_basins(pd.concat(tables[setting]), registration) for setting in settings]
     )
@@ -173,17 +190,25 @@ def _grouped(items, key):
     return groups.items()
 
 
-def _runs_frame(pair, setting, runs, noise_draw, initial_xi, result, part):
+def _batches(starts, size):
+    """Runs of consecutive starts with the same source points, at most `size` starts each."""
+    for _, same in groupby(starts, lambda start: id(start.source)):
+        same = list(same)
+        for first in range(0, len(same), size):
+            yield same[first : first + size]
+
+
+def _runs_frame(pair, start, runs, noise_draw, result, part):
     T_reference_source = result.T_reference_source[part]
     error = se3.log(se3.inverse(pair.T_reference_source) @ T_reference_source)
     return pd.DataFrame(
         {
-            **dict(zip(NAMES, setting.values, strict=True)),
-            "replicate": np.int32(setting.replicate),
-            "draws": np.int32(setting.again),
+            **dict(zip(NAMES, start.setting.values, strict=True)),
+            "replicate": np.int32(start.setting.replicate),
+            "draws": np.int32(start.setting.again),
             "run": runs.astype(np.int32),
             "noise_draw": np.int32(noise_draw),
-            **dict(zip(INITIAL_XI, initial_xi.T, strict=True)),
+            **dict(zip(INITIAL_XI, start.initial_xi.T, strict=True)),
             **dict(zip(XI, error.T, strict=True)),
             **dict(zip(TRANSFORM, T_reference_source.reshape(-1, 16).T, strict=True)),
             "iterations": result.iterations[part].astype(np.int32),
