@@ -27,6 +27,17 @@ def instances(levels=LEVELS, full=False):
     return pd.DataFrame(values, columns=list(levels)).rename_axis("instance").reset_index()
 
 
+def pose_errors(values, draws):
+    """xi (n, 6) of a setting from standard normal draws (n, 6), `shared` and one for each source.
+
+    A source adds its draw times what its value is above its reference.
+    """
+    xi = draws["shared"] * SHARED
+    for name, value in zip(SOURCES, values, strict=True):
+        xi = xi + (value - SOURCES[name]) / UNIT[name] * draws[name] * ADDED[name]
+    return xi
+
+
 def runs_table(seed=0, levels=LEVELS, n=100, noise_draws=1, wrong=(), failed=(), replicates=1):
     """Runs of all combinations of the levels, and of the clean setting again.
 
@@ -44,10 +55,7 @@ def runs_table(seed=0, levels=LEVELS, n=100, noise_draws=1, wrong=(), failed=(),
         settings = [(0, values) for values in itertools.product(*levels.values())]
         settings.append((1, tuple(SOURCES.values())))
         for number, (again, values) in enumerate(settings):
-            xi = draws[again]["shared"] * SHARED
-            for name, value in zip(levels, values, strict=True):
-                amount = (value - SOURCES[name]) / UNIT[name]
-                xi = xi + amount * draws[again][name] * ADDED[name]
+            xi = pose_errors(values, draws[again])
             xi[list(wrong)] += OFFSET
             status = np.full(n, "ok", dtype=object)
             lost = [run for setting, run in failed if setting == number]
