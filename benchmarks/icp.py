@@ -5,7 +5,8 @@
 Every measurement is a process of its own on one core; times are process CPU times, and ratios are
 between measurements of one process. Scans are simulated (`icpshap.simulate`) and thinned to the
 size asked for; at most 5 % of their points lie within 1 m. Prints tables and, as its last line, a
-JSON object with the figures; writes docs/icp_cost.svg. `--quick` makes everything small.
+JSON object with the figures; writes docs/icp_cost.svg. Takes about half an hour; `--quick` makes
+everything small.
 """
 
 import argparse
@@ -20,17 +21,18 @@ from pathlib import Path
 
 import numpy as np
 
-BEAMS_PER_POINT = {"apartment": 1.35, "plain": 1.7}
-PAPER_GRID = (11, 11, 11)
-# Consecutive pairs and points a scan of the eight sequences (their data sheet; DATASET page).
-PAPER_PAIRS = [
-    (44, 367e3),
-    (35, 170e3),
-    (30, 170e3),
-    (30, 94e3),
-    *[(k, 170e3) for k in (31, 30, 36, 31)],
-]
-OTHERS_RUNS = 4  # runs of the other programs; all their runs cost the same
+REPOSITORY = Path(__file__).parents[1]
+sys.path.insert(0, str(REPOSITORY))  # python benchmarks/icp.py finds the library, too
+BEAMS_PER_POINT = {"apartment": 1.35, "stairwell": 1.35, "plain": 1.7}
+# Consecutive pairs of the eight sequences by the size of their scans and by the scene that stands
+# for them: Apartment; ETH and Stairs; Mountain; Gazebo and Wood in two seasons each.
+PAPER_PAIRS = {
+    ("apartment", 367_000): 44,
+    ("stairwell", 170_000): 35 + 30,
+    ("plain", 94_000): 30,
+    ("plain", 170_000): 31 + 30 + 36 + 31,
+}
+OTHERS_RUNS = {"open3d": 20, "small_gicp": 4}  # of the 100: each of their runs starts afresh
 ITERATIONS, DISTANCE = 30, 1.0
 
 
@@ -109,14 +111,14 @@ def against_others(scene, points, planes, runs):
         clouds[1].normals = open3d.utility.Vector3dVector(normals)
         method = registration.TransformationEstimationPointToPlane()
     criteria = registration.ICPConvergenceCriteria(0.0, 0.0, ITERATIONS)
-    others = min(OTHERS_RUNS, runs)
+    chosen = {name: np.arange(0, runs, -(-runs // number)) for name, number in OTHERS_RUNS.items()}
     with Clock() as theirs:
         poses = [
             registration.registration_icp(*clouds, DISTANCE, T0, method, criteria).transformation
-            for T0 in T_initial[:others]
+            for T0 in T_initial[chosen["open3d"]]
         ]
     with Clock() as small:
-        for T0 in T_initial[:others]:
+        for T0 in T_initial[chosen["small_gicp"]]:
             small_gicp.align(
                 reference,
                 source,
@@ -128,9 +130,9 @@ def against_others(scene, points, planes, runs):
             )
     return {
         "ours": ours.seconds / runs,
-        "open3d": theirs.seconds / others,
-        "small_gicp": small.seconds / others,
-        "difference": float(np.abs(np.array(poses) - result.T_reference_source[:others]).max()),
+        "open3d": theirs.seconds / len(poses),
+        "small_gicp": small.seconds / len(chosen["small_gicp"]),
+        "difference": np.abs(np.array(poses) - result.T_reference_source[chosen["open3d"]]).max(),
     }
 
 
@@ -145,11 +147,42 @@ def write_tables(folder, scene, points):
     np.savez(folder / "pair.npz", T=T, near=near)
 
 
-def job(folder, noise, scales, reductions):
-    """A registration job as the workflow runs it: all CPU time, and that of the ICP iterations."""
+def planned(kind, number=None):
+    """Settings of a registration job of the paper.
+
+    "pair": a pair of `same_perturbation`; "clean", "noisy": a job of the grid at 0 and 0.05 m;
+    "level": that many settings of the noisy level, spread evenly.
+    """
+    from icpshap import plan
+
+    config = paper()
+    if kind == "pair":
+        levels = config.experiments["same_perturbation"].levels
+        return [setting for setting in plan.settings(levels, 1) if not setting.again]
+    grid = config.experiments["different_perturbations"].levels
+    noise = 0.0 if kind == "clean" else 0.05
+    if kind == "level":
+        level = [s for s in plan.settings(grid, 1) if s.values[0] == noise]
+        return [level[k] for k in np.linspace(0, len(level) - 1, number).astype(int)]
+    runs = config.estimators["paper"].runs
+    return next(
+        settings
+        for settings in plan.jobs(grid, 1, runs, config.runs_per_job)
+        if all(s.values[0] == noise and not s.again for s in settings)
+    )
+
+
+def paper():
     import yaml
 
-    from icpshap import estimators, perturbation, plan, settings, tables
+    from icpshap import settings
+
+    return settings.load(yaml.safe_load((REPOSITORY / "config.yaml").read_text()))
+
+
+def job(folder, kind, number=None):
+    """A registration job as the workflow runs it: all CPU time, and that of the ICP iterations."""
+    from icpshap import estimators, perturbation, tables
     from icpshap.icp import registration
 
     iterating = []
@@ -162,26 +195,25 @@ def job(folder, noise, scales, reductions):
         return sums
 
     registration.KeptLinks.__call__ = timed
-    config = yaml.safe_load(Path(__file__).parents[1].joinpath("config.yaml").read_text())
-    config = settings.load(config)
     given = np.load(folder / "pair.npz")
     clouds = [tables.read_points(folder / f"{name}.parquet") for name in ("reference", "source")]
     pair = perturbation.Pair(*clouds, given["T"], given["near"])
+    config = paper()
     runs = estimators.register_settings(
         pair,
-        [plan.Setting((n, s, r)) for n in noise for s in scales for r in reductions],
+        planned(kind, number),
         config.estimators["paper"].registration,
         config.perturbation,
-        perturbation.Streams(1, "benchmark", 0, 1),
+        perturbation.Streams(config.seed, "benchmark", 0, 1),
     )
     tables.write(folder / "runs.parquet", runs, "runs")
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    total = time.process_time()  # since the process began: imports and all
     return {
         "runs": len(runs),
-        "iterations": float(runs["iterations"].mean()),
-        "iterating": sum(iterating),
-        "total": time.process_time(),  # since the process began: imports and all
-        "peak_memory_mb": peak,
+        "iterations": runs["iterations"].mean(),
+        "total": total,
+        "overhead": 1.0 - sum(iterating) / total,
+        "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
 
 
@@ -207,7 +239,7 @@ def measure(name, *arguments):
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     call = json.dumps([name, *arguments])
     done = subprocess.run(
-        [sys.executable, "-m", "benchmarks.icp", "--measure", call],
+        [sys.executable, __file__, "--measure", call],
         stdout=subprocess.PIPE,
         text=True,
         check=True,
@@ -222,7 +254,7 @@ def measured(call):
     name, *arguments = json.loads(call)
     if name in ("job", "write_tables"):
         arguments[0] = Path(arguments[0])
-    print(json.dumps(globals()[name](*arguments)))
+    print(json.dumps(globals()[name](*arguments), default=float))
 
 
 def table(title, heading, rows):
@@ -267,99 +299,98 @@ def compare(scale, runs):
     return figures
 
 
-def jobs(scale, levels):
-    """The paper's jobs: a noise level of the grid, and a whole pair, at each size."""
-    rows, figures, pairs, grid = [], {}, {}, {}
-    scales = np.linspace(1.0, 2.0, levels).tolist()
+def jobs(scale):
+    """The paper's jobs: of the grid, and a whole pair at each size."""
+    done = {}
     with tempfile.TemporaryDirectory() as name:
-        for points, scene in ((367_000, "apartment"), (130_000, "plain")):
-            folder = Path(name, str(points))
+        for scene, points in (*PAPER_PAIRS, ("plain", 130_000)):
+            folder = Path(name, f"{scene}{points}")
             folder.mkdir()
             measure("write_tables", str(folder), scene, points // scale)
-            cases = {"pair": ([0.0, 0.05], [1.0, 1.5], [0.0, 0.05])}
-            if points == 367_000:
-                measure("job", str(folder), [0.0], [1.0], [0.0])  # fills the compilation cache
-                cases |= {
-                    "clean level": ([0.0], scales, [0.0]),
-                    "noisy level": ([0.05], scales, [0.0]),
-                }
-            for case, settings in cases.items():
-                m = measure("job", str(folder), *settings)
-                share = 1 - m["iterating"] / m["total"]
-                if case == "pair":
-                    pairs[points] = m
-                else:
-                    grid[case] = m
-                rows.append(
-                    (
-                        f"{points // scale} points, {case}",
-                        m["runs"],
-                        m["iterations"],
-                        m["total"],
-                        m["runs"] / m["total"],
-                        share,
-                        m["peak_memory_mb"],
-                    )
-                )
+            if not done:
+                measure("job", str(folder), "level", 1)  # fills the compilation cache
+            kinds = ("clean", "noisy", "pair") if points == 367_000 else ("pair",)
+            for kind in kinds:
+                done[scene, points, kind] = measure("job", str(folder), kind)
+    columns = ("runs", "iterations", "total", "overhead", "peak_memory_mb")
     table(
         "Jobs of the estimator `paper`, one core",
-        ("job", "runs", "mean iterations", "CPU s", "runs a second", "overhead", "peak MB"),
-        rows,
+        ("job", "runs", "mean iterations", "CPU s", "overhead", "peak MB", "runs a second"),
+        [
+            (f"{scene}, {points // scale} points, {kind}", *(m[c] for c in columns), speed(m))
+            for (scene, points, kind), m in done.items()
+        ],
     )
-    levels_run = PAPER_GRID[1] * PAPER_GRID[2] * 100
-    # A level's overhead is paid once for each of its jobs of about 4,000 runs.
-    level = {
-        case: (m["total"] - m["iterating"]) * levels_run / 4000
-        + m["iterating"] / m["runs"] * levels_run
-        for case, m in grid.items()
+    clean, noisy = (done["apartment", 367_000, kind] for kind in ("clean", "noisy"))
+    grid = paper().experiments["different_perturbations"].levels
+    level_runs = 100 * len(grid["initial_pose"]) * len(grid["partial_overlap"])
+    seconds = level_runs / speed(clean)
+    seconds += (len(grid["sensor_noise"]) - 1) * level_runs / speed(noisy)
+    for size, count in PAPER_PAIRS.items():
+        seconds += count * done[*size, "pair"]["total"]
+    return {
+        "paper_chain_runs_per_core_second": {"clean": speed(clean), "noisy": speed(noisy)},
+        "paper_chain_mean_iterations": {"clean": clean["iterations"], "noisy": noisy["iterations"]},
+        "paper_hours_2_cores": seconds / 2 / 3600,
+        "peak_memory_mb": max(m["peak_memory_mb"] for m in done.values()),
+        "overhead_share": {
+            "367000_grid": max(clean["overhead"], noisy["overhead"]),
+            "130000_pair": done["plain", 130_000, "pair"]["overhead"],
+        },
     }
-    seconds = level["clean level"] + (PAPER_GRID[0] - 1) * level["noisy level"]
-    small, large = pairs[130_000]["total"], pairs[367_000]["total"]
-    for count, points in PAPER_PAIRS:
-        seconds += count * max(0.0, small + (large - small) * (points - 130e3) / (367e3 - 130e3))
-    figures["paper_chain_runs_per_core_second"] = {
-        case.split()[0]: m["runs"] / m["total"] for case, m in grid.items()
-    }
-    figures["paper_hours_2_cores"] = seconds / 2 / 3600
-    figures["peak_memory_mb"] = max(m["peak_memory_mb"] for m in [*grid.values(), pairs[367_000]])
-    figures["overhead_share"] = {
-        "367000_grid": 1 - grid["noisy level"]["iterating"] / grid["noisy level"]["total"],
-        "130000_pair": 1 - pairs[130_000]["iterating"] / pairs[130_000]["total"],
-    }
-    return figures
 
 
-def growth(sizes, runs):
-    """Cost against the number of points and of runs: a table and docs/icp_cost.svg."""
+def speed(job):
+    """Runs a core-second."""
+    return job["runs"] / job["total"]
+
+
+def growth(sizes, runs, settings):
+    """Cost against the number of points, runs and settings: tables and docs/icp_cost.svg."""
     import matplotlib
 
     matplotlib.use("Agg")
     matplotlib.rcParams["svg.hashsalt"] = "icpshap"
     from matplotlib import pyplot
 
+    middle = sizes[len(sizes) // 2]
     by_size = [measure("cost", n, 100) for n in sizes]
-    by_runs = [measure("cost", sizes[len(sizes) // 2], n) for n in runs]
+    by_runs = [measure("cost", middle, n) for n in runs]
+    with tempfile.TemporaryDirectory() as folder:
+        measure("write_tables", folder, "apartment", middle)
+        by_settings = [measure("job", folder, "level", n) for n in settings]
     table(
         "Against points, 100 runs",
         ("points", "index and normals, s", "ms an iteration and run"),
         [(n, m["index"], m["register"] * 1e3) for n, m in zip(sizes, by_size, strict=True)],
     )
     table(
-        f"Against runs, {sizes[len(sizes) // 2]} points",
+        f"Against runs, {middle} points",
         ("runs", "ms an iteration and run"),
         [(n, m["register"] * 1e3) for n, m in zip(runs, by_runs, strict=True)],
     )
-    figure, axes = pyplot.subplots(1, 2, figsize=(9, 3.5), layout="constrained")
-    axes[0].loglog(sizes, [m["index"] for m in by_size], "o-", label="index and normals [s]")
-    axes[0].loglog(
-        sizes, [m["register"] * 1e3 for m in by_size], "s-", label="iteration [ms a run]"
+    table(
+        f"Against settings of one noise level, 100 runs each, {middle} points",
+        ("settings", "CPU s of the job", "of these a setting"),
+        [(n, m["total"], m["total"] / n) for n, m in zip(settings, by_settings, strict=True)],
     )
-    axes[0].set(xlabel="points a scan")
+    figure, axes = pyplot.subplots(1, 3, figsize=(12, 3.5), layout="constrained")
+    n = np.array(sizes, dtype=float)
+    for key, factor, style, label in (
+        ("index", 1.0, "o-", "index and normals [s]"),
+        ("register", 1e3, "s-", "an iteration of a run [ms]"),
+    ):
+        cost = factor * np.array([m[key] for m in by_size])
+        (line,) = axes[0].loglog(n, cost, style, label=label)
+        bound = cost[0] * n * np.log(n) / (n[0] * np.log(n[0]))
+        axes[0].loglog(n, bound, ":", color=line.get_color(), label="n log n through the first")
+    axes[0].set(xlabel="points a scan", ylabel="CPU time")
     axes[0].legend()
     axes[1].semilogx(runs, [m["register"] * 1e3 for m in by_runs], "s-")
-    axes[1].set(xlabel="runs", ylabel="iteration [ms a run]", ylim=(0, None))
-    docs = Path(__file__).parents[1] / "docs"
-    figure.savefig(docs / "icp_cost.svg", metadata={"Date": None})
+    axes[1].set(xlabel="runs", ylabel="an iteration of a run [ms]", ylim=(0, None))
+    axes[2].plot(settings, [m["total"] for m in by_settings], "s-")
+    axes[2].set(xlabel="settings of 100 runs", ylabel="job [s]", xlim=(0, None), ylim=(0, None))
+    figure.savefig(REPOSITORY / "docs" / "icp_cost.svg", metadata={"Date": None})
 
 
 def main():
@@ -372,9 +403,13 @@ def main():
         return
     scale = 20 if arguments.quick else 1
     figures = compare(scale, 10 if arguments.quick else 100)
-    figures |= jobs(scale, 2 if arguments.quick else 11)
+    figures |= jobs(scale)
     if not arguments.quick:
-        growth([10_000, 30_000, 100_000, 300_000, 1_000_000], [10, 30, 100, 300, 1000])
+        growth(
+            sizes=[10_000, 30_000, 100_000, 300_000, 1_000_000],
+            runs=[10, 30, 100, 300, 1000],
+            settings=[1, 4, 11, 41],
+        )
     print(json.dumps(figures))
 
 
