@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from conftest import folder_in
 
-from icpshap import icp
+from icpshap import dataset, icp
 from icpshap.icp import kdtree
 from icpshap.icp.matching import match, work_arrays
 
@@ -70,6 +71,18 @@ def test_same_matches_as_brute_force(name, matches):
     rng = np.random.default_rng(matches)
     cloud = GENERATORS[name](rng)
     distance, index, queries, reference = engine_matches(cloud, queries_for(cloud, rng), matches)
+    expected_distance, expected_index = brute_force(cloud - reference.mean, queries, matches)
+    np.testing.assert_array_equal(distance, expected_distance)
+    np.testing.assert_array_equal(index, expected_index)
+
+
+@pytest.mark.parametrize("matches", [1, 2, 3, 4, 5])
+def test_same_matches_as_brute_force_on_real_scans(matches):
+    folder = folder_in("ICPSHAP_REAL_DATA") / "apartment_pair" / "csv_local"
+    cloud, source = (dataset.read_scan(folder / f"Hokuyo_{k}.csv")[0] for k in (0, 1))
+    rng = np.random.default_rng(matches)
+    queries = np.vstack([source[rng.permutation(len(source))[:200]], queries_for(cloud, rng)[::40]])
+    distance, index, queries, reference = engine_matches(cloud, queries, matches)
     expected_distance, expected_index = brute_force(cloud - reference.mean, queries, matches)
     np.testing.assert_array_equal(distance, expected_distance)
     np.testing.assert_array_equal(index, expected_index)
