@@ -31,7 +31,7 @@ class Batch(NamedTuple):
     """The source points of R runs, and where those of each block are."""
 
     points: np.ndarray  # (m, 3) source points in spatial order [m]
-    positions: np.ndarray  # int32: the points each run uses, ascending, one run after the other
+    positions: np.ndarray  # int32: the points a run uses, ascending, one distinct set after another
     block_start: np.ndarray  # (R, blocks + 1) int64 into positions
 
 
@@ -55,12 +55,21 @@ class Sums(NamedTuple):
     links: np.ndarray  # (R,) int64 links made
 
 
+def once_each(function, arrays):
+    """[function(array) for array in arrays], computed once for every distinct object among them."""
+    distinct = {id(array): array for array in arrays}
+    results = {key: function(array) for key, array in distinct.items()}
+    return [results[id(array)] for array in arrays]
+
+
 def make_batch(points, positions):
     """Batch of spatially ordered points (m, 3) and a list of R ascending int32 arrays."""
-    edges = np.minimum(np.arange(0, len(points) + BLOCK, BLOCK), len(points))
-    block_start = np.array([np.searchsorted(run, edges) for run in positions])
-    first = np.cumsum([0] + [len(run) for run in positions[:-1]])
-    return Batch(points, np.concatenate(positions), block_start + first[:, None])
+    distinct = list({id(run): run for run in positions}.values())
+    first = np.cumsum([0] + [len(run) for run in distinct[:-1]])
+    first = {id(run): start for run, start in zip(distinct, first, strict=True)}
+    edges = np.minimum(np.arange(0, len(points) + BLOCK, BLOCK), len(points)).astype(np.int32)
+    block_start = once_each(lambda run: first[id(run)] + np.searchsorted(run, edges), positions)
+    return Batch(points, np.concatenate(distinct), np.array(block_start))
 
 
 def make_band(room):
@@ -166,7 +175,10 @@ def settle(surface, batch, T, active, metric, rank, band, sums, threshold):
     features = np.empty((FEATURES, BLOCK))
     gram, kept, links = sums.gram, sums.kept, sums.links
     points, distance, found, position = batch.points, band.distance, band.found, band.position
-    values = np.empty(distance.shape[0])
+    room = 0
+    for run in active:
+        room = max(room, band.start[run + 1] - band.start[run])
+    values = np.empty(room)
     for run in active:
         first, count = band.start[run], band.count[run]
         wanted = rank[run] - kept[run]
@@ -227,11 +239,11 @@ class KeptLinks:
             np.zeros(runs, dtype=np.int64),
             np.zeros(runs, dtype=np.int64),
         )
-        strides = np.maximum(self.possible // SAMPLE, 1)
+        self.sampled = self.possible >= 2 * SAMPLE
         self.sample = make_batch(
-            points, [run[::stride] for run, stride in zip(positions, strides, strict=True)]
+            points,
+            once_each(lambda run: run[:: max(chain.matches * len(run) // SAMPLE, 1)], positions),
         )
-        self.sampled = strides > 1
         queries = np.diff(self.batch.block_start, axis=1).sum(axis=0).max()
         self.work = work_arrays(queries)
 
