@@ -7,8 +7,7 @@ own sums: the link lengths decide which (`trimming`), the error metric what (`mi
 
 Exactness: a run's sums are taken in the order of its source points along the blocks, whose bounds
 are fixed positions in the source cloud; links inside its band follow at the end. Neither depends
-on which runs are computed together. (`reassoc` lets the compiler add the terms of one block in
-vector lanes: an order fixed by their number.)
+on which runs are computed together.
 
 Measured: docs/engine.md.
 """
@@ -18,13 +17,17 @@ from typing import NamedTuple
 import numpy as np
 
 from icpshap.icp import kdtree
-from icpshap.icp.compiled import jit
+from icpshap.icp.compiled import jit, prefetch
 from icpshap.icp.matching import match, work_arrays
-from icpshap.icp.minimisers import FEATURES, write_features
+from icpshap.icp.minimisers import write_features
+from icpshap.icp.products import FEATURES, ROW, add_products
 from icpshap.icp.trimming import ROOM, SAMPLE, predicted_bands, sampled_bands, select
 
 REPEATED = 64  # runs repeated together with a band that holds all of their links
 BLOCK = 1024  # source points; also fixes the partial sums, so results depend on it in the last bit
+PART = 256  # links whose products are summed together: their features stay in the nearest cache
+AHEAD = 48  # links between asking for a reference point's cache line and reading it
+BAND_LINK = np.dtype([("distance", "f8"), ("found", "i4"), ("position", "i4")])
 
 
 class Batch(NamedTuple):
@@ -40,17 +43,16 @@ class Band(NamedTuple):
 
     lower: np.ndarray  # (R,) [m^2] links shorter than this are summed at once
     upper: np.ndarray  # (R,) [m^2] links at least this long are dropped
-    start: np.ndarray  # (R + 1,) int64 each run's room in the arrays below
+    start: np.ndarray  # (R + 1,) int64 each run's room in `links`
     count: np.ndarray  # (R,) int64 links in the band; more than its room: some were not stored
-    distance: np.ndarray  # [m^2]
-    found: np.ndarray  # int32 reference point, in tree order
-    position: np.ndarray  # int32 source point, in spatial order
+    # distance [m^2], found: reference point, tree order, position: source point, spatial order
+    links: np.ndarray
 
 
 class Sums(NamedTuple):
     """Sums over links of R runs."""
 
-    gram: np.ndarray  # (R, 7, 7) Gram matrix of the kept links' features
+    gram: np.ndarray  # (R, FEATURES, ROW) Gram matrix of the kept links' features, and zeros
     kept: np.ndarray  # (R,) int64 links kept
     links: np.ndarray  # (R,) int64 links made
 
@@ -80,21 +82,8 @@ def make_band(room):
         upper=np.full(len(room), np.inf),
         start=start,
         count=np.zeros(len(room), dtype=np.int64),
-        distance=np.empty(start[-1]),
-        found=np.empty(start[-1], dtype=np.int32),
-        position=np.empty(start[-1], dtype=np.int32),
+        links=np.empty(start[-1], dtype=BAND_LINK),
     )
-
-
-@jit(fastmath={"reassoc"})
-def _add_products(features, count, gram, run):
-    """Add the products of the first `count` columns of `features` to the upper triangle."""
-    for u in range(FEATURES):
-        for v in range(u, FEATURES):
-            total = 0.0
-            for k in range(count):
-                total += features[u, k] * features[v, k]
-            gram[run, u, v] += total
 
 
 @jit
@@ -105,14 +94,11 @@ def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, w
     qx, qy, qz = work.x, work.y, work.z
     gram, kept, links = sums.gram, sums.kept, sums.links
     in_band, room = band.count, band.start
-    band_distance, band_found, band_position = band.distance, band.found, band.position
-    band_lower, band_upper = band.lower, band.upper
-    found = np.empty(qx.shape[0] * matches, np.int32)
+    band_links, band_lower, band_upper = band.links, band.lower, band.upper
+    found = np.empty(qx.shape[0] * matches + AHEAD, np.int32)
     distance = np.empty(qx.shape[0] * matches)
     stack = np.empty(kdtree.STACK, np.int32)
-    features = np.empty((FEATURES, BLOCK * matches))
-    chosen_link = np.empty(BLOCK * matches + 1, np.int32)
-    chosen_query = np.empty(BLOCK * matches + 1, np.int32)
+    features = np.zeros((PART, ROW))
     for run in active:
         gram[run] = 0.0
         kept[run] = 0
@@ -137,31 +123,32 @@ def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, w
         query = 0
         for run in active:
             lower, upper = band_lower[run], band_upper[run]
-            chosen = 0
+            row = 0
             made = 0
             entry = room[run] + in_band[run]
             for k in range(block_start[run, block], block_start[run, block + 1]):
+                x, y, z = qx[query], qy[query], qz[query]
+                if row > PART - matches:
+                    add_products(features, row, gram, run)
+                    kept[run] += row
+                    row = 0
                 for link in range(query * matches, (query + 1) * matches):
+                    prefetch(surface, np.int64(found[link + AHEAD]) * surface.shape[1])
                     d2 = distance[link]
-                    chosen_link[chosen] = link
-                    chosen_query[chosen] = query
-                    chosen += d2 < lower
+                    # Written for every link, as a branch costs more; the next one overwrites it.
+                    write_features(metric, x, y, z, surface, found[link], features, row)
+                    row += d2 < lower
                     made += d2 < np.inf
-                    if lower <= d2 < upper:
+                    if (d2 >= lower) & (d2 < upper):
                         if entry < room[run + 1]:
-                            band_distance[entry] = d2
-                            band_found[entry] = found[link]
-                            band_position[entry] = positions[k]
+                            band_links[entry].distance = d2
+                            band_links[entry].found = found[link]
+                            band_links[entry].position = positions[k]
                         entry += 1
                 query += 1
             in_band[run] = entry - room[run]
-            for k in range(chosen):
-                q = chosen_query[k]
-                write_features(
-                    metric, qx[q], qy[q], qz[q], surface, found[chosen_link[k]], features, k
-                )
-            _add_products(features, chosen, gram, run)
-            kept[run] += chosen
+            add_products(features, row, gram, run)
+            kept[run] += row
             links[run] += made
 
 
@@ -172,9 +159,9 @@ def settle(surface, batch, T, active, metric, rank, band, sums, threshold):
     rank: (R,) position of the threshold among a run's links; as many as its links: keep all.
     threshold: (R,) [m^2], set; NaN where the band does not contain it.
     """
-    features = np.empty((FEATURES, BLOCK))
+    features = np.zeros((PART, ROW))
     gram, kept, links = sums.gram, sums.kept, sums.links
-    points, distance, found, position = batch.points, band.distance, band.found, band.position
+    points, band_links = batch.points, band.links
     room = 0
     for run in active:
         room = max(room, band.start[run + 1] - band.start[run])
@@ -189,29 +176,26 @@ def settle(surface, batch, T, active, metric, rank, band, sums, threshold):
             threshold[run] = np.inf
         elif 0 <= wanted < count:
             for k in range(count):
-                values[k] = distance[first + k]
+                values[k] = band_links[first + k].distance
             threshold[run] = select(values, count, wanted)
         else:
             threshold[run] = np.nan
             continue
-        column = 0
+        row = 0
         for entry in range(first, first + count):
-            if distance[entry] <= threshold[run]:
-                p = position[entry]
+            if band_links[entry].distance <= threshold[run]:
+                p = band_links[entry].position
                 px, py, pz = points[p, 0], points[p, 1], points[p, 2]
                 x = T[run, 0, 0] * px + T[run, 0, 1] * py + T[run, 0, 2] * pz + T[run, 0, 3]
                 y = T[run, 1, 0] * px + T[run, 1, 1] * py + T[run, 1, 2] * pz + T[run, 1, 3]
                 z = T[run, 2, 0] * px + T[run, 2, 1] * py + T[run, 2, 2] * pz + T[run, 2, 3]
-                write_features(metric, x, y, z, surface, found[entry], features, column)
-                column += 1
+                write_features(metric, x, y, z, surface, band_links[entry].found, features, row)
+                row += 1
                 kept[run] += 1
-                if column == BLOCK:
-                    _add_products(features, column, gram, run)
-                    column = 0
-        _add_products(features, column, gram, run)
-        for u in range(FEATURES):
-            for v in range(u):
-                gram[run, u, v] = gram[run, v, u]
+                if row == PART:
+                    add_products(features, row, gram, run)
+                    row = 0
+        add_products(features, row, gram, run)
 
 
 class KeptLinks:
@@ -235,7 +219,7 @@ class KeptLinks:
         self.threshold = np.full(runs, np.nan)
         self.previous = np.full(runs, np.nan)
         self.sums = Sums(
-            np.zeros((runs, FEATURES, FEATURES)),
+            np.zeros((runs, FEATURES, ROW)),
             np.zeros(runs, dtype=np.int64),
             np.zeros(runs, dtype=np.int64),
         )
@@ -278,9 +262,8 @@ class KeptLinks:
         room[unknown] = SAMPLE * 2
         sample = make_band(room)
         self._sum(unknown, T, self.sample, sample)
-        sampled_bands(
-            sample.distance, sample.start, sample.count, unknown, ratio, band.lower, band.upper
-        )
+        distance = sample.links["distance"].copy()
+        sampled_bands(distance, sample.start, sample.count, unknown, ratio, band.lower, band.upper)
 
     def _sum(self, active, T, batch, band):
         limit = self.chain.maximum_distance
