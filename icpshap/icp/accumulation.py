@@ -1,13 +1,14 @@
 """One iteration of many runs: from poses to the Gram matrices of their kept links.
 
-Idea: the outer loop goes over blocks of neighbouring source points, the inner one over runs, so
-that the part of the reference near a block is read from memory once and then serves every run.
-Within a block all queries are matched together (`matching`), and each run adds its links to its
-own sums: the link lengths decide which (`trimming`), the error metric what (`minimisers`).
+Idea: the outer loop goes over neighbourhoods of source points, the inner one over runs, so that
+the part of the reference near a neighbourhood is read from memory once and then serves every run.
+Its size is such that all queries of one fit into the cache; they are matched together (`matching`),
+and each run adds its links to its own sums: the link lengths decide which (`trimming`), the error
+metric what (`minimisers`).
 
-Exactness: a run's sums are taken in the order of its source points along the blocks, whose bounds
-are fixed positions in the source cloud; links inside its band follow at the end. Neither depends
-on which runs are computed together.
+Exactness: a run's sums are taken one link after the other in the spatial order of its source
+points; links inside its band follow at the end. Neither depends on which runs are computed
+together, or on the size of a neighbourhood.
 
 Measured: docs/engine.md.
 """
@@ -24,8 +25,9 @@ from icpshap.icp.products import FEATURES, ROW, add_products
 from icpshap.icp.trimming import ROOM, SAMPLE, predicted_bands, sampled_bands, select
 
 REPEATED = 64  # runs repeated together with a band that holds all of their links
-BLOCK = 1024  # source points; also fixes the partial sums, so results depend on it in the last bit
-PART = 256  # links whose products are summed together: their features stay in the nearest cache
+QUERIES = 32_768  # about that many are matched together: their arrays stay in the cache
+BLOCK = 256  # source points that are matched together at least
+PART = 256  # links whose features are written before their products: they stay in the cache
 AHEAD = 48  # links between asking for a reference point's cache line and reading it
 BAND_LINK = np.dtype([("distance", "f8"), ("found", "i4"), ("position", "i4")])
 
@@ -104,21 +106,28 @@ def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, w
         kept[run] = 0
         links[run] = 0
         in_band[run] = 0
-    for block in range(block_start.shape[1] - 1):
+    blocks = block_start.shape[1] - 1
+    first = last = 0
+    while last < blocks:
+        first, expected = last, 0
+        while last < blocks:
+            for run in active:
+                expected += block_start[run, last + 1] - block_start[run, last]
+            if last > first and expected > qx.shape[0]:
+                break
+            last += 1
         count = 0
         for run in active:
             r00, r01, r02, tx = T[run, 0, 0], T[run, 0, 1], T[run, 0, 2], T[run, 0, 3]
             r10, r11, r12, ty = T[run, 1, 0], T[run, 1, 1], T[run, 1, 2], T[run, 1, 3]
             r20, r21, r22, tz = T[run, 2, 0], T[run, 2, 1], T[run, 2, 2], T[run, 2, 3]
-            for k in range(block_start[run, block], block_start[run, block + 1]):
+            for k in range(block_start[run, first], block_start[run, last]):
                 p = positions[k]
                 x, y, z = points[p, 0], points[p, 1], points[p, 2]
                 qx[count] = r00 * x + r01 * y + r02 * z + tx
                 qy[count] = r10 * x + r11 * y + r12 * z + ty
                 qz[count] = r20 * x + r21 * y + r22 * z + tz
                 count += 1
-        if count == 0:
-            continue
         match(tree, lists, matches, limit, count, work, found, distance, stack)
         query = 0
         for run in active:
@@ -126,7 +135,7 @@ def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, w
             row = 0
             made = 0
             entry = room[run] + in_band[run]
-            for k in range(block_start[run, block], block_start[run, block + 1]):
+            for k in range(block_start[run, first], block_start[run, last]):
                 x, y, z = qx[query], qy[query], qz[query]
                 if row > PART - matches:
                     add_products(features, row, gram, run)
@@ -228,8 +237,8 @@ class KeptLinks:
             points,
             once_each(lambda run: run[:: max(chain.matches * len(run) // SAMPLE, 1)], positions),
         )
-        queries = np.diff(self.batch.block_start, axis=1).sum(axis=0).max()
-        self.work = work_arrays(queries)
+        largest_block = np.diff(self.batch.block_start, axis=1).sum(axis=0).max()
+        self.work = work_arrays(max(QUERIES, largest_block))
 
     def __call__(self, active, T):
         """Sums of the active runs' kept links at T (R, 4, 4), source to centred reference."""

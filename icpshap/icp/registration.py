@@ -14,12 +14,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from icpshap.icp import kdtree
-from icpshap.icp.accumulation import BLOCK, KeptLinks, accumulate, once_each
+from icpshap.icp.accumulation import BLOCK, QUERIES, KeptLinks, accumulate, once_each
 from icpshap.icp.compiled import announce_compilation
 from icpshap.icp.reference import checked_points
 
 STATUS = ("ok", "max_iterations", "too_few_links", "degenerate")
-BLOCK_QUERIES = 65_536  # queries matched together: what stays in the cache
 BATCH_LINKS = 100_000_000  # of all runs of a batch: positions and band stay below 400 MB
 
 
@@ -101,7 +100,7 @@ def _batches(lengths, source_points, matches):
     """Slices of runs, of that many points each, that fit into memory and cache together."""
     first, size = 0, 0.0
     for run, points in enumerate(lengths):
-        needed = points * max(matches / BATCH_LINKS, BLOCK / (source_points * BLOCK_QUERIES))
+        needed = points * max(matches / BATCH_LINKS, BLOCK / (source_points * QUERIES))
         if run > first and size + needed > 1.0:
             yield slice(first, run)
             first, size = run, 0.0
