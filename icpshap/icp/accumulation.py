@@ -100,6 +100,7 @@ def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, w
     found = np.empty(qx.shape[0] * matches + AHEAD, np.int32)
     distance = np.empty(qx.shape[0] * matches)
     stack = np.empty(kdtree.STACK, np.int32)
+    near = np.empty(qx.shape[0] * matches + 1, np.int32)  # links of a run in its band
     features = np.zeros((PART, ROW))
     for run in active:
         gram[run] = 0.0
@@ -132,10 +133,9 @@ def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, w
         query = 0
         for run in active:
             lower, upper = band_lower[run], band_upper[run]
-            row = 0
-            made = 0
-            entry = room[run] + in_band[run]
-            for k in range(block_start[run, first], block_start[run, last]):
+            row = made = inside = 0
+            position = block_start[run, first] - query  # where the position of query 0 would be
+            for _ in range(block_start[run, first], block_start[run, last]):
                 x, y, z = qx[query], qy[query], qz[query]
                 if row > PART - matches:
                     add_products(features, row, gram, run)
@@ -147,15 +147,17 @@ def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, w
                     # Written for every link, as a branch costs more; the next one overwrites it.
                     write_features(metric, x, y, z, surface, found[link], features, row)
                     row += d2 < lower
+                    near[inside] = link
+                    inside += (d2 >= lower) & (d2 < upper)
                     made += d2 < np.inf
-                    if (d2 >= lower) & (d2 < upper):
-                        if entry < room[run + 1]:
-                            band_links[entry].distance = d2
-                            band_links[entry].found = found[link]
-                            band_links[entry].position = positions[k]
-                        entry += 1
                 query += 1
-            in_band[run] = entry - room[run]
+            entry = room[run] + in_band[run]
+            for k in range(min(inside, room[run + 1] - entry)):
+                link = near[k]
+                band_links[entry + k].distance = distance[link]
+                band_links[entry + k].found = found[link]
+                band_links[entry + k].position = positions[position + link // matches]
+            in_band[run] += inside
             add_products(features, row, gram, run)
             kept[run] += row
             links[run] += made
