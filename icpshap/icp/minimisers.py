@@ -1,7 +1,7 @@
 """Error minimisers: from the kept links of one iteration to the next rigid step.
 
 Idea: an error metric is seven features of a link (source point p where it is now, reference point
-q, its normal n), and all that its minimum needs is the features' Gram matrix, the 7x7 sum of their
+q, its normal n), and all that its minimum needs is the features' Gram matrix, the sum of their
 products over the links. So the matching loop makes one kind of sum for every metric, and the step
 is a little dense algebra for all runs at once. To add a metric, add a class here and its features
 to `write_features`.
