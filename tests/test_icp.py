@@ -1,6 +1,7 @@
 """The ICP engine against a plain implementation, against itself, and at the edges."""
 
 import logging
+import tracemalloc
 
 import numpy as np
 import plain_icp
@@ -102,6 +103,36 @@ def test_a_run_does_not_depend_on_the_others(pair, chain, monkeypatch):
         assert together[k].tobytes() == in_small_batches[k].tobytes()
         for run, result in zip((0, 5, 11), alone, strict=True):
             assert together[k][run].tobytes() == result[k][0].tobytes()
+
+
+def test_runs_may_share_their_rows(pair):
+    """One array object for several runs, copies of it, or the rows of a matrix: the same bytes."""
+    reference, source = pair
+    rows, T_initial = subsets(1, len(source), 0.9, 6)[0], poses(3, 7)
+    results = [
+        icp.register(icp.Reference(reference), source, given, T_initial, PLANES)
+        for given in ([rows] * 3, [rows.copy() for _ in range(3)], np.array([rows] * 3))
+    ]
+    assert len(np.unique(results[0].T_reference_source, axis=0)) == 3
+    for result in results[1:]:
+        assert result.T_reference_source.tobytes() == results[0].T_reference_source.tobytes()
+
+
+def test_memory_does_not_grow_with_the_number_of_runs(pair, monkeypatch):
+    """Only the runs of one batch are in memory together."""
+    reference, source = pair
+    shared = icp.Reference(reference)
+    chain = icp.Chain(stopping=icp.Stopping(maximum_iterations=1))
+    monkeypatch.setattr("icpshap.icp.registration.BATCH_LINKS", 3 * len(source))
+    peaks = []
+    for runs in (20, 20, 220):  # the first call makes what the reference keeps
+        rows, T_initial = [np.arange(len(source)) for _ in range(runs)], poses(runs, 7)
+        tracemalloc.start()
+        icp.register(shared, source, rows, T_initial, chain)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    positions = 4 * len(source)  # bytes a run
+    assert peaks[2] - peaks[1] < 200 * positions / 5
 
 
 def test_the_predicted_band_changes_nothing_but_rounding(pair, monkeypatch):

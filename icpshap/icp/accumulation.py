@@ -1,14 +1,14 @@
 """One iteration of many runs: from poses to the Gram matrices of their kept links.
 
-Idea: the outer loop goes over blocks of neighbouring source points, the inner one over runs, so
-that the part of the reference near a block is read from memory once and then serves every run.
-Within a block all queries are matched together (`matching`), and each run adds its links to its
-own sums: the link lengths decide which (`trimming`), the error metric what (`minimisers`).
+Idea: the outer loop goes over neighbourhoods of source points, the inner one over runs, so that
+the part of the reference near a neighbourhood is read from memory once and then serves every run.
+Its size is such that all queries of one fit into the cache; they are matched together (`matching`),
+and each run adds its links to its own sums: the link lengths decide which (`trimming`), the error
+metric what (`minimisers`).
 
-Exactness: a run's sums are taken in the order of its source points along the blocks, whose bounds
-are fixed positions in the source cloud; links inside its band follow at the end. Neither depends
-on which runs are computed together. (`reassoc` lets the compiler add the terms of one block in
-vector lanes: an order fixed by their number.)
+Exactness: a run's sums are taken one link after the other in the spatial order of its source
+points; links inside its band follow at the end. Neither depends on which runs are computed
+together, or on the size of a neighbourhood.
 
 Measured: docs/engine.md.
 """
@@ -18,20 +18,25 @@ from typing import NamedTuple
 import numpy as np
 
 from icpshap.icp import kdtree
-from icpshap.icp.compiled import jit
+from icpshap.icp.compiled import jit, prefetch
 from icpshap.icp.matching import match, work_arrays
-from icpshap.icp.minimisers import FEATURES, write_features
+from icpshap.icp.minimisers import write_features
+from icpshap.icp.products import FEATURES, ROW, add_products
 from icpshap.icp.trimming import ROOM, SAMPLE, predicted_bands, sampled_bands, select
 
 REPEATED = 64  # runs repeated together with a band that holds all of their links
-BLOCK = 1024  # source points; also fixes the partial sums, so results depend on it in the last bit
+QUERIES = 32_768  # about that many are matched together: their arrays stay in the cache
+BLOCK = 256  # source points that are matched together at least
+PART = 256  # links whose features are written before their products: they stay in the cache
+AHEAD = 48  # links between asking for a reference point's cache line and reading it
+BAND_LINK = np.dtype([("distance", "f8"), ("found", "i4"), ("position", "i4")])
 
 
 class Batch(NamedTuple):
     """The source points of R runs, and where those of each block are."""
 
     points: np.ndarray  # (m, 3) source points in spatial order [m]
-    positions: np.ndarray  # int32: the points each run uses, ascending, one run after the other
+    positions: np.ndarray  # int32: the points a run uses, ascending, one distinct set after another
     block_start: np.ndarray  # (R, blocks + 1) int64 into positions
 
 
@@ -40,27 +45,35 @@ class Band(NamedTuple):
 
     lower: np.ndarray  # (R,) [m^2] links shorter than this are summed at once
     upper: np.ndarray  # (R,) [m^2] links at least this long are dropped
-    start: np.ndarray  # (R + 1,) int64 each run's room in the arrays below
+    start: np.ndarray  # (R + 1,) int64 each run's room in `links`
     count: np.ndarray  # (R,) int64 links in the band; more than its room: some were not stored
-    distance: np.ndarray  # [m^2]
-    found: np.ndarray  # int32 reference point, in tree order
-    position: np.ndarray  # int32 source point, in spatial order
+    # distance [m^2], found: reference point, tree order, position: source point, spatial order
+    links: np.ndarray
 
 
 class Sums(NamedTuple):
     """Sums over links of R runs."""
 
-    gram: np.ndarray  # (R, 7, 7) Gram matrix of the kept links' features
+    gram: np.ndarray  # (R, FEATURES, ROW) Gram matrix of the kept links' features, and zeros
     kept: np.ndarray  # (R,) int64 links kept
     links: np.ndarray  # (R,) int64 links made
 
 
+def once_each(function, arrays):
+    """[function(array) for array in arrays], computed once for every distinct object among them."""
+    distinct = {id(array): array for array in arrays}
+    results = {key: function(array) for key, array in distinct.items()}
+    return [results[id(array)] for array in arrays]
+
+
 def make_batch(points, positions):
     """Batch of spatially ordered points (m, 3) and a list of R ascending int32 arrays."""
-    edges = np.minimum(np.arange(0, len(points) + BLOCK, BLOCK), len(points))
-    block_start = np.array([np.searchsorted(run, edges) for run in positions])
-    first = np.cumsum([0] + [len(run) for run in positions[:-1]])
-    return Batch(points, np.concatenate(positions), block_start + first[:, None])
+    distinct = list({id(run): run for run in positions}.values())
+    first = np.cumsum([0] + [len(run) for run in distinct[:-1]])
+    first = {id(run): start for run, start in zip(distinct, first, strict=True)}
+    edges = np.minimum(np.arange(0, len(points) + BLOCK, BLOCK), len(points)).astype(np.int32)
+    block_start = once_each(lambda run: first[id(run)] + np.searchsorted(run, edges), positions)
+    return Batch(points, np.concatenate(distinct), np.array(block_start))
 
 
 def make_band(room):
@@ -71,21 +84,8 @@ def make_band(room):
         upper=np.full(len(room), np.inf),
         start=start,
         count=np.zeros(len(room), dtype=np.int64),
-        distance=np.empty(start[-1]),
-        found=np.empty(start[-1], dtype=np.int32),
-        position=np.empty(start[-1], dtype=np.int32),
+        links=np.empty(start[-1], dtype=BAND_LINK),
     )
-
-
-@jit(fastmath={"reassoc"})
-def _add_products(features, count, gram, run):
-    """Add the products of the first `count` columns of `features` to the upper triangle."""
-    for u in range(FEATURES):
-        for v in range(u, FEATURES):
-            total = 0.0
-            for k in range(count):
-                total += features[u, k] * features[v, k]
-            gram[run, u, v] += total
 
 
 @jit
@@ -96,63 +96,70 @@ def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, w
     qx, qy, qz = work.x, work.y, work.z
     gram, kept, links = sums.gram, sums.kept, sums.links
     in_band, room = band.count, band.start
-    band_distance, band_found, band_position = band.distance, band.found, band.position
-    band_lower, band_upper = band.lower, band.upper
-    found = np.empty(qx.shape[0] * matches, np.int32)
+    band_links, band_lower, band_upper = band.links, band.lower, band.upper
+    found = np.empty(qx.shape[0] * matches + AHEAD, np.int32)
     distance = np.empty(qx.shape[0] * matches)
     stack = np.empty(kdtree.STACK, np.int32)
-    features = np.empty((FEATURES, BLOCK * matches))
-    chosen_link = np.empty(BLOCK * matches + 1, np.int32)
-    chosen_query = np.empty(BLOCK * matches + 1, np.int32)
+    near = np.empty(qx.shape[0] * matches + 1, np.int32)  # links of a run in its band
+    features = np.zeros((PART, ROW))
     for run in active:
         gram[run] = 0.0
         kept[run] = 0
         links[run] = 0
         in_band[run] = 0
-    for block in range(block_start.shape[1] - 1):
+    blocks = block_start.shape[1] - 1
+    first = last = 0
+    while last < blocks:
+        first, expected = last, 0
+        while last < blocks:
+            for run in active:
+                expected += block_start[run, last + 1] - block_start[run, last]
+            if last > first and expected > qx.shape[0]:
+                break
+            last += 1
         count = 0
         for run in active:
             r00, r01, r02, tx = T[run, 0, 0], T[run, 0, 1], T[run, 0, 2], T[run, 0, 3]
             r10, r11, r12, ty = T[run, 1, 0], T[run, 1, 1], T[run, 1, 2], T[run, 1, 3]
             r20, r21, r22, tz = T[run, 2, 0], T[run, 2, 1], T[run, 2, 2], T[run, 2, 3]
-            for k in range(block_start[run, block], block_start[run, block + 1]):
+            for k in range(block_start[run, first], block_start[run, last]):
                 p = positions[k]
                 x, y, z = points[p, 0], points[p, 1], points[p, 2]
                 qx[count] = r00 * x + r01 * y + r02 * z + tx
                 qy[count] = r10 * x + r11 * y + r12 * z + ty
                 qz[count] = r20 * x + r21 * y + r22 * z + tz
                 count += 1
-        if count == 0:
-            continue
         match(tree, lists, matches, limit, count, work, found, distance, stack)
         query = 0
         for run in active:
             lower, upper = band_lower[run], band_upper[run]
-            chosen = 0
-            made = 0
-            entry = room[run] + in_band[run]
-            for k in range(block_start[run, block], block_start[run, block + 1]):
+            row = made = inside = 0
+            position = block_start[run, first] - query  # where the position of query 0 would be
+            for _ in range(block_start[run, first], block_start[run, last]):
+                x, y, z = qx[query], qy[query], qz[query]
+                if row > PART - matches:
+                    add_products(features, row, gram, run)
+                    kept[run] += row
+                    row = 0
                 for link in range(query * matches, (query + 1) * matches):
+                    prefetch(surface, np.int64(found[link + AHEAD]) * surface.shape[1])
                     d2 = distance[link]
-                    chosen_link[chosen] = link
-                    chosen_query[chosen] = query
-                    chosen += d2 < lower
+                    # Written for every link, as a branch costs more; the next one overwrites it.
+                    write_features(metric, x, y, z, surface, found[link], features, row)
+                    row += d2 < lower
+                    near[inside] = link
+                    inside += (d2 >= lower) & (d2 < upper)
                     made += d2 < np.inf
-                    if lower <= d2 < upper:
-                        if entry < room[run + 1]:
-                            band_distance[entry] = d2
-                            band_found[entry] = found[link]
-                            band_position[entry] = positions[k]
-                        entry += 1
                 query += 1
-            in_band[run] = entry - room[run]
-            for k in range(chosen):
-                q = chosen_query[k]
-                write_features(
-                    metric, qx[q], qy[q], qz[q], surface, found[chosen_link[k]], features, k
-                )
-            _add_products(features, chosen, gram, run)
-            kept[run] += chosen
+            entry = room[run] + in_band[run]
+            for k in range(min(inside, room[run + 1] - entry)):
+                link = near[k]
+                band_links[entry + k].distance = distance[link]
+                band_links[entry + k].found = found[link]
+                band_links[entry + k].position = positions[position + link // matches]
+            in_band[run] += inside
+            add_products(features, row, gram, run)
+            kept[run] += row
             links[run] += made
 
 
@@ -163,10 +170,13 @@ def settle(surface, batch, T, active, metric, rank, band, sums, threshold):
     rank: (R,) position of the threshold among a run's links; as many as its links: keep all.
     threshold: (R,) [m^2], set; NaN where the band does not contain it.
     """
-    features = np.empty((FEATURES, BLOCK))
+    features = np.zeros((PART, ROW))
     gram, kept, links = sums.gram, sums.kept, sums.links
-    points, distance, found, position = batch.points, band.distance, band.found, band.position
-    values = np.empty(distance.shape[0])
+    points, band_links = batch.points, band.links
+    room = 0
+    for run in active:
+        room = max(room, band.start[run + 1] - band.start[run])
+    values = np.empty(room)
     for run in active:
         first, count = band.start[run], band.count[run]
         wanted = rank[run] - kept[run]
@@ -177,29 +187,26 @@ def settle(surface, batch, T, active, metric, rank, band, sums, threshold):
             threshold[run] = np.inf
         elif 0 <= wanted < count:
             for k in range(count):
-                values[k] = distance[first + k]
+                values[k] = band_links[first + k].distance
             threshold[run] = select(values, count, wanted)
         else:
             threshold[run] = np.nan
             continue
-        column = 0
+        row = 0
         for entry in range(first, first + count):
-            if distance[entry] <= threshold[run]:
-                p = position[entry]
+            if band_links[entry].distance <= threshold[run]:
+                p = band_links[entry].position
                 px, py, pz = points[p, 0], points[p, 1], points[p, 2]
                 x = T[run, 0, 0] * px + T[run, 0, 1] * py + T[run, 0, 2] * pz + T[run, 0, 3]
                 y = T[run, 1, 0] * px + T[run, 1, 1] * py + T[run, 1, 2] * pz + T[run, 1, 3]
                 z = T[run, 2, 0] * px + T[run, 2, 1] * py + T[run, 2, 2] * pz + T[run, 2, 3]
-                write_features(metric, x, y, z, surface, found[entry], features, column)
-                column += 1
+                write_features(metric, x, y, z, surface, band_links[entry].found, features, row)
+                row += 1
                 kept[run] += 1
-                if column == BLOCK:
-                    _add_products(features, column, gram, run)
-                    column = 0
-        _add_products(features, column, gram, run)
-        for u in range(FEATURES):
-            for v in range(u):
-                gram[run, u, v] = gram[run, v, u]
+                if row == PART:
+                    add_products(features, row, gram, run)
+                    row = 0
+        add_products(features, row, gram, run)
 
 
 class KeptLinks:
@@ -223,17 +230,17 @@ class KeptLinks:
         self.threshold = np.full(runs, np.nan)
         self.previous = np.full(runs, np.nan)
         self.sums = Sums(
-            np.zeros((runs, FEATURES, FEATURES)),
+            np.zeros((runs, FEATURES, ROW)),
             np.zeros(runs, dtype=np.int64),
             np.zeros(runs, dtype=np.int64),
         )
-        strides = np.maximum(self.possible // SAMPLE, 1)
+        self.sampled = self.possible >= 2 * SAMPLE
         self.sample = make_batch(
-            points, [run[::stride] for run, stride in zip(positions, strides, strict=True)]
+            points,
+            once_each(lambda run: run[:: max(chain.matches * len(run) // SAMPLE, 1)], positions),
         )
-        self.sampled = strides > 1
-        queries = np.diff(self.batch.block_start, axis=1).sum(axis=0).max()
-        self.work = work_arrays(queries)
+        largest_block = np.diff(self.batch.block_start, axis=1).sum(axis=0).max()
+        self.work = work_arrays(max(QUERIES, largest_block))
 
     def __call__(self, active, T):
         """Sums of the active runs' kept links at T (R, 4, 4), source to centred reference."""
@@ -266,9 +273,8 @@ class KeptLinks:
         room[unknown] = SAMPLE * 2
         sample = make_band(room)
         self._sum(unknown, T, self.sample, sample)
-        sampled_bands(
-            sample.distance, sample.start, sample.count, unknown, ratio, band.lower, band.upper
-        )
+        distance = sample.links["distance"].copy()
+        sampled_bands(distance, sample.start, sample.count, unknown, ratio, band.lower, band.upper)
 
     def _sum(self, active, T, batch, band):
         limit = self.chain.maximum_distance

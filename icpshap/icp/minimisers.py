@@ -1,16 +1,17 @@
 """Error minimisers: from the kept links of one iteration to the next rigid step.
 
 Idea: an error metric is seven features of a link (source point p where it is now, reference point
-q, its normal n), and all that its minimum needs is the features' Gram matrix, the 7x7 sum of their
+q, its normal n), and all that its minimum needs is the features' Gram matrix, the sum of their
 products over the links. So the matching loop makes one kind of sum for every metric, and the step
 is a little dense algebra for all runs at once. To add a metric, add a class here and its features
 to `write_features`.
 
-    point to plane   [p x n, n, -(p - q).n]     Gram = normal equations, right-hand side, error
+    point to plane   [p x n, n, q.n - p.n]      Gram = normal equations, right-hand side, error
     point to point   [p, p - q, 1]              Gram = the moments that Kabsch's method needs
 
 Exactness: the features are those of the textbook formulas, in float64, about the centre of the
-reference, where the products are small; p - q, not q, so that the error does not cancel.
+reference, where the products are small: q.n and p.n round at some 1e-15 m, far below any pose's
+accuracy. Kabsch's method gets p - q, not q, so that the sum of squares does not cancel.
 """
 
 from dataclasses import dataclass
@@ -20,34 +21,30 @@ from scipy.spatial.transform import Rotation
 
 from icpshap.icp.compiled import jit
 
-FEATURES = 7
 PLANE, POINT = 0, 1
 SINGULAR = 1e-12  # smallest against largest eigenvalue below which a direction is unobservable
 
 
 @jit
-def write_features(metric, x, y, z, surface, q, features, column):
-    """Features of the link from (x, y, z) to surface[q] (point, normal), into one column."""
-    dx = x - surface[q, 0]
-    dy = y - surface[q, 1]
-    dz = z - surface[q, 2]
+def write_features(metric, x, y, z, surface, q, features, row):
+    """Features of the link from (x, y, z) to surface[q], into one row (Reference.surface)."""
     if metric == PLANE:
-        a, b, c = surface[q, 3], surface[q, 4], surface[q, 5]
-        features[0, column] = y * c - z * b
-        features[1, column] = z * a - x * c
-        features[2, column] = x * b - y * a
-        features[3, column] = a
-        features[4, column] = b
-        features[5, column] = c
-        features[6, column] = -(dx * a + dy * b + dz * c)
+        a, b, c = surface[q, 0], surface[q, 1], surface[q, 2]
+        features[row, 0] = y * c - z * b
+        features[row, 1] = z * a - x * c
+        features[row, 2] = x * b - y * a
+        features[row, 3] = a
+        features[row, 4] = b
+        features[row, 5] = c
+        features[row, 6] = surface[q, 3] - (x * a + y * b + z * c)
     else:
-        features[0, column] = x
-        features[1, column] = y
-        features[2, column] = z
-        features[3, column] = dx
-        features[4, column] = dy
-        features[5, column] = dz
-        features[6, column] = 1.0
+        features[row, 0] = x
+        features[row, 1] = y
+        features[row, 2] = z
+        features[row, 3] = x - surface[q, 0]
+        features[row, 4] = y - surface[q, 1]
+        features[row, 5] = z - surface[q, 2]
+        features[row, 6] = 1.0
 
 
 @dataclass(frozen=True)
@@ -63,7 +60,7 @@ class PointToPlane:
     needs_normals = True
 
     def step(self, gram):
-        """Steps (R, 4, 4) and which are determined (R,), from Gram matrices (R, 7, 7)."""
+        """Steps (R, 4, 4) and which are determined (R,), from Gram matrices (R, 7, 8)."""
         normal_matrix, right = gram[:, :6, :6], gram[:, :6, 6]
         # Unit diagonal: whether it is singular must not depend on the unit of length.
         scale = np.sqrt(np.maximum(np.diagonal(normal_matrix, axis1=1, axis2=2), 1e-300))
@@ -89,7 +86,7 @@ class PointToPoint:
     needs_normals = False
 
     def step(self, gram):
-        """Steps (R, 4, 4) and which are determined (R,), from Gram matrices (R, 7, 7)."""
+        """Steps (R, 4, 4) and which are determined (R,), from Gram matrices (R, 7, 8)."""
         count = gram[:, 6, 6, None]
         p_mean = gram[:, :3, 6] / count
         q_mean = p_mean - gram[:, 3:6, 6] / count

@@ -52,10 +52,13 @@ def _smallest_eigenvector(matrix, vectors):
 
 
 @jit
-def normals(tree, neighbours):
-    """Unit normals (n, 3) in tree order, from that many neighbours, the point itself included."""
+def planes(tree, neighbours):
+    """Tangent planes (n, 4) in tree order: unit normal, and its product with the point [m].
+
+    From that many neighbours, the point itself included.
+    """
     n = tree.points.shape[0]
-    result = np.empty((n, 3))
+    result = np.empty((n, 4))
     found = np.empty(neighbours, np.int32)
     distance = np.empty(neighbours)
     stack = np.empty(kdtree.STACK, np.int32)
@@ -87,6 +90,8 @@ def normals(tree, neighbours):
                 for column in range(3):
                     scatter[row, column] += difference[row] * difference[column]
         column = _smallest_eigenvector(scatter, vectors)
+        result[k, 3] = 0.0
         for axis in range(3):
             result[k, axis] = vectors[axis, column]
+            result[k, 3] += vectors[axis, column] * point[axis]
     return result

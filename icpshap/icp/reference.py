@@ -11,7 +11,7 @@ import numpy as np
 from icpshap.icp import kdtree
 from icpshap.icp.candidates import empty_lists, forget, nearly_full
 from icpshap.icp.compiled import announce_compilation
-from icpshap.icp.normals import normals
+from icpshap.icp.normals import planes
 
 
 def minimum_range(points, minimum):
@@ -57,22 +57,29 @@ class Reference:
         return kdtree.build(self._centred)
 
     @functools.cached_property
-    def normals(self):
-        """Unit normals (n, 3) in the tree's order; arbitrary sign. ValueError if n is too small."""
+    def planes(self):
+        """Unit normal, normal . point [m] (n, 4) in the tree's order. ValueError if n is too small.
+
+        The sign of a normal is arbitrary.
+        """
         if len(self) < self.normal_neighbours:
             raise ValueError(
                 f"Normals from {self.normal_neighbours} neighbours need as many reference points; "
                 f"there are {len(self)}. Hint: use point-to-point ICP or fewer normal_neighbours."
             )
-        return normals(self.tree, self.normal_neighbours)
+        return planes(self.tree, self.normal_neighbours)
+
+    @property
+    def normals(self):
+        """Unit normals (n, 3) in the tree's order."""
+        return self.planes[:, :3]
 
     def surface(self, with_normals):
-        """Points and, if wanted, normals in the tree's order: rows x, y, z, normal, 0, 0 (n, 8)."""
-        surface = np.zeros((len(self), 8))
-        surface[:, :3] = self.tree.points[:, :3]
-        if with_normals:
-            surface[:, 3:6] = self.normals
-        return surface
+        """What the features of a link to a point need, in the tree's order (n, 4).
+
+        The tangent plane or, without normals, x, y, z, 0. Rows of 32 bytes: half a cache line.
+        """
+        return self.planes if with_normals else self.tree.points
 
     def lists(self, matches):
         """The candidate lists for that many matches, which fill as they are used."""

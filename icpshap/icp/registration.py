@@ -14,13 +14,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from icpshap.icp import kdtree
-from icpshap.icp.accumulation import BLOCK, KeptLinks, accumulate
+from icpshap.icp.accumulation import BLOCK, QUERIES, KeptLinks, accumulate, once_each
 from icpshap.icp.compiled import announce_compilation
 from icpshap.icp.reference import checked_points
 
 STATUS = ("ok", "max_iterations", "too_few_links", "degenerate")
-BLOCK_QUERIES = 65_536  # queries matched together: what stays in the cache
-BATCH_LINKS = 100_000_000  # of all runs of a batch: positions and band stay below 700 MB
+BATCH_LINKS = 100_000_000  # of all runs of a batch: positions and band stay below 400 MB
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,8 @@ class Registrations:
 def register(reference, source, rows, T_initial, chain):
     """ICP of R runs: source points (m, 3) [m], source frame, onto a Reference.
 
-    rows: R ascending integer arrays, the source rows each run uses.
+    rows: R ascending integer arrays, the source rows each run uses. Runs that are given the same
+    array object share the memory for it.
     T_initial: (R, 4, 4), T_reference_source at the start.
     Returns Registrations. Raises ValueError for points, poses or rows that cannot be used.
     """
@@ -54,9 +54,9 @@ def register(reference, source, rows, T_initial, chain):
         )
     announce_compilation(accumulate)
     order = kdtree.build(source).index
+    source = source[order]
     position = np.empty(len(source), dtype=np.int32)
     position[order] = np.arange(len(source), dtype=np.int32)
-    positions = [np.sort(position[run]) for run in rows]
     result = Registrations(
         T_reference_source=T_initial.copy(),
         iterations=np.zeros(len(rows), dtype=np.int64),
@@ -64,8 +64,9 @@ def register(reference, source, rows, T_initial, chain):
         rmse=np.full(len(rows), np.nan),
         inlier_ratio=np.zeros(len(rows)),
     )
-    for batch in _batches(positions, len(source), chain.matches):
-        _register_batch(reference, source[order], positions, chain, batch, result)
+    for batch in _batches([len(run) for run in rows], len(source), chain.matches):
+        positions = once_each(lambda run: np.sort(position[run]), rows[batch])
+        _register_batch(reference, source, positions, chain, batch, result)
     return result
 
 
@@ -80,32 +81,38 @@ def _checked_runs(rows, T_initial, source_points):
     ).all(axis=(1, 2))
     if not rigid.all():
         raise ValueError(f"T_initial of run {np.argmin(rigid)} is not a rigid transformation.")
-    rows = [np.asarray(run) for run in rows]
-    for number, run in enumerate(rows):
-        if len(run) and (run[0] < 0 or run[-1] >= source_points or (np.diff(run) <= 0).any()):
-            raise ValueError(
-                f"rows of run {number}: expected ascending row numbers below {source_points}."
-            )
+
+    def ascending(run):
+        inside = len(run) == 0 or (run[0] >= 0 and run[-1] < source_points)
+        return inside and (run[1:] > run[:-1]).all()
+
+    rows = once_each(np.asarray, list(rows))
+    usable = once_each(ascending, rows)
+    if not all(usable):
+        raise ValueError(
+            f"rows of run {usable.index(False)}: expected ascending row numbers below "
+            f"{source_points}."
+        )
     return rows, T_initial
 
 
-def _batches(positions, source_points, matches):
-    """Slices of runs that fit into memory and cache together."""
+def _batches(lengths, source_points, matches):
+    """Slices of runs, of that many points each, that fit into memory and cache together."""
     first, size = 0, 0.0
-    for run, points in enumerate(positions):
-        needed = len(points) * max(matches / BATCH_LINKS, BLOCK / (source_points * BLOCK_QUERIES))
+    for run, points in enumerate(lengths):
+        needed = points * max(matches / BATCH_LINKS, BLOCK / (source_points * QUERIES))
         if run > first and size + needed > 1.0:
             yield slice(first, run)
             first, size = run, 0.0
         size += needed
-    if first < len(positions):
-        yield slice(first, len(positions))
+    if first < len(lengths):
+        yield slice(first, len(lengths))
 
 
 def _register_batch(reference, points, positions, chain, batch, result):
-    """Write the results of the runs in the slice `batch` into `result`."""
+    """Write the results of the runs in the slice `batch`, at those positions, into `result`."""
     minimiser, stopping = chain.error_minimiser, chain.stopping
-    kept_links = KeptLinks(reference, points, positions[batch], chain)
+    kept_links = KeptLinks(reference, points, positions, chain)
     T_start = result.T_reference_source[batch].copy()
     T_start[:, :3, 3] -= reference.mean  # the steps below act in the reference's centred frame
     runs = len(T_start)
@@ -140,5 +147,4 @@ def _register_batch(reference, points, positions, chain, batch, result):
     result.T_reference_source[batch, :3, 3] += reference.mean
     with np.errstate(invalid="ignore"):
         result.rmse[batch] = np.sqrt(minimiser.squared_error(sums.gram) / sums.kept)
-    possible = chain.matches * np.array([len(run) for run in positions[batch]])
-    result.inlier_ratio[batch] = sums.kept / np.maximum(possible, 1)
+    result.inlier_ratio[batch] = sums.kept / np.maximum(kept_links.possible, 1)
