@@ -7,7 +7,6 @@ are built once for each noise level and noise draw, and runs that share them go 
 
 from collections import defaultdict
 from functools import cache, cached_property
-from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -54,21 +53,7 @@ def register_settings(pair, settings, registration, perturbation_settings, strea
             reference, once_noisy, source = sampler.noisy_clouds(sigma, noise_draw)
             in_range = icp.minimum_range(reference, registration.minimum_range)
             target = icp.Reference(reference[in_range], registration.normal_neighbours)
-            starts = []
-            for reduction, members in _grouped(level, lambda s: s.values[2]):
-                left, kept = sampler.reduce_overlap(once_noisy, source, reduction)
-                usable = kept & icp.minimum_range(left, registration.minimum_range)
-                rows = [sampler.rows(usable, run) for run in runs]
-                for setting in members:
-                    xi, T_initial = perturbation.initial_poses(
-                        pair.T_reference_source,
-                        setting.values[1],
-                        sampler.initial_pose_draws[runs],
-                        deviation,
-                        registration.initial_pose_scaling,
-                        registration.initial_pose_composition,
-                    )
-                    starts.append(Start(setting, left, rows, xi, T_initial))
+            starts = _starts(sampler, level, once_noisy, source, runs, deviation)
             for batch in _batches(starts, max(1, RUNS_AT_ONCE // len(runs))):
                 rows = [run for start in batch for run in start.rows]
                 T_initial = np.concatenate([start.T_initial for start in batch])
@@ -80,6 +65,29 @@ def register_settings(pair, settings, registration, perturbation_settings, strea
     return pd.concat(
         [mark_wrong_basins(pd.concat(tables[setting]), registration) for setting in settings]
     )
+
+
+def _starts(sampler, level, reference, source, runs, deviation):
+    """The `runs` of each setting of a noise level before ICP, one setting after the other.
+
+    reference, source: the noisy clouds (n, 3), (m, 3) [m]; deviation: of xi at s = 1 (6,).
+    """
+    registration = sampler.registration
+    T_reference_source = sampler.pair.T_reference_source
+    for reduction, members in _grouped(level, lambda s: s.values[2]):
+        left, kept = sampler.reduce_overlap(reference, source, reduction)
+        usable = kept & icp.minimum_range(left, registration.minimum_range)
+        rows = sampler.rows(usable, runs)
+        for setting in members:
+            xi, T_initial = perturbation.initial_poses(
+                T_reference_source,
+                setting.values[1],
+                sampler.initial_pose_draws[runs],
+                deviation,
+                registration.initial_pose_scaling,
+                registration.initial_pose_composition,
+            )
+            yield Start(setting, left, rows, xi, T_initial)
 
 
 def chain_of(registration):
@@ -155,21 +163,27 @@ class Sampler:
             return source, np.ones(len(source), dtype=bool)
         return source, perturbation.reduce_overlap(self.pair, reduction, self.overlap_order)
 
-    def rows(self, usable, run):
-        """Source rows of one run: the subsample of the usable ones (m,), ascending."""
-        if self.registration.subsampling_mask == "frozen_in_order":
-            usable = np.flatnonzero(usable)
-            return usable[self.subsample(len(usable), 0)]
-        drawn = self.subsample(len(usable), run if self.redrawn else 0)
-        return drawn[usable[drawn]]
+    def rows(self, usable, runs):
+        """Source rows of each run: its subsample of the usable ones (m,), ascending.
 
-    @property
-    def redrawn(self):
-        return self.registration.subsampling_mask == "redrawn"
+        Runs with the same subsample get the same array.
+        """
+        if self.registration.subsampling_mask == "frozen_in_order":
+            usable = np.flatnonzero(usable).astype(np.int32)
+            return [usable[self.subsample(len(usable), 0)]] * len(runs)
+        takes_all = self.registration.subsampling_probability == 1
+        if self.registration.subsampling_mask == "frozen" or takes_all:
+            return [self._usable_rows(usable, 0)] * len(runs)
+        return [self._usable_rows(usable, run) for run in runs]
+
+    def _usable_rows(self, usable, mask):
+        drawn = self.subsample(len(usable), mask)
+        return drawn[usable[drawn]]
 
     def _subsample(self, count, mask):
         generator = self.streams.generator(f"subsample/{mask}")
-        return perturbation.subsample(count, self.registration.subsampling_probability, generator)
+        probability = self.registration.subsampling_probability
+        return perturbation.subsample(count, probability, generator).astype(np.int32)
 
 
 def _branch(setting, registration):
@@ -191,11 +205,17 @@ def _grouped(items, key):
 
 
 def _batches(starts, size):
-    """Runs of consecutive starts with the same source points, at most `size` starts each."""
-    for _, same in groupby(starts, lambda start: id(start.source)):
-        same = list(same)
-        for first in range(0, len(same), size):
-            yield same[first : first + size]
+    """Consecutive starts with the same source points, at most `size` at once.
+
+    Made as they are asked for: the rows of all settings together may not fit into memory.
+    """
+    batch = []
+    for start in starts:
+        if batch and (len(batch) == size or start.source is not batch[0].source):
+            yield batch
+            batch = []
+        batch.append(start)
+    yield batch
 
 
 def _runs_frame(pair, start, runs, noise_draw, result, part):

@@ -144,10 +144,20 @@ def test_in_order_a_removed_point_shifts_the_rest(registration, room_pair, mask,
     every = np.ones(len(room_pair.source), dtype=bool)
     without = every.copy()
     without[100] = False
-    before, after = sampler.rows(every, run=0), sampler.rows(without, run=0)
+    (before,), (after,) = sampler.rows(every, [0]), sampler.rows(without, [0])
     np.testing.assert_array_equal(before[before < 100], after[after < 100])
     common = np.intersect1d(before, after)
     assert (len(common) < 0.7 * len(before)) == shifted
+
+
+@pytest.mark.parametrize("kept", [{"subsampling_probability": 1.0}, {"subsampling_mask": "frozen"}])
+def test_runs_with_the_same_subsample_share_its_rows(registration, room_pair, kept):
+    """As many copies as runs would not fit into memory for the full scans of the data sets."""
+    sampler = estimators.Sampler(room_pair, replace(registration, **kept), 0.2, STREAMS)
+    rows = sampler.rows(np.arange(len(room_pair.source)) > 5, np.arange(100))
+    assert len(rows) == 100
+    assert all(run is rows[0] for run in rows)
+    assert rows[0].min() > 5
 
 
 def test_without_common_random_numbers_settings_draw_their_own(register):
