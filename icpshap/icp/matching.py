@@ -22,6 +22,7 @@ from icpshap.icp.network import LANES, LONGEST, nearest_five, nearest_one, neare
 
 GROUPS_AHEAD = 6  # groups before a list is read, it is asked for
 LINES_AHEAD = 5  # cache lines of it
+LINKS_AHEAD = 24  # links before a point is read, it is asked for
 
 
 class Work(NamedTuple):
@@ -150,9 +151,9 @@ def match(tree, lists, matches, limit, count, work, found, distance, stack):
             for lane in range(min(LANES, end - begin)):
                 # Unsigned, or numba would ask of each index whether it counts from the end.
                 row = np.uint64(begin + lane)
-                x, y, z = ordered[row, 0], ordered[row, 1], ordered[row, 2]
                 link = np.uint64(ordered[row, 3]) * np.uint64(matches)
                 if undecided >> np.uint64(lane) & np.uint64(1):
+                    x, y, z = ordered[row, 0], ordered[row, 1], ordered[row, 2]
                     _scan(
                         points,
                         index,
@@ -170,14 +171,18 @@ def match(tree, lists, matches, limit, count, work, found, distance, stack):
                     continue
                 for t in range(matches):
                     entry = np.uint64(first) + np.uint64(place[t * LANES + lane])
-                    q = np.uint64(records[entry])
-                    found[link] = q
-                    distance[link] = _squared_distance(points, q, x, y, z)
+                    found[link] = records[entry]
                     link += np.uint64(1)
             begin += LANES
         begin = end
-    if limit < np.inf:
-        for link in range(count * matches):
-            if found[link] < 0 or distance[link] > limit:
+    last = count * matches - 1
+    for i in range(count):
+        x, y, z = qx[i], qy[i], qz[i]
+        for link in range(i * matches, (i + 1) * matches):
+            prefetch(points, 4 * found[min(link + LINKS_AHEAD, last)])
+            q = found[link]
+            d2 = _squared_distance(points, np.uint64(q), x, y, z) if q >= 0 else np.inf
+            if d2 > limit:
                 found[link] = -1
-                distance[link] = np.inf
+                d2 = np.inf
+            distance[link] = d2
