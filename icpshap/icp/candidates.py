@@ -31,7 +31,7 @@ COARSEST_CUBES = 2**22  # at most about this many; larger cubes where space is m
 LEVELS = 9  # sizes of cubes, each half the one above
 SHORT = 64  # a list this short is never split
 WORTH_SPLITTING = 131_072  # candidates scanned in a cube before it is split
-DOMINATORS = 8  # points beyond the k nearest to the centre that are tried as the nearer point
+DOMINATORS = 16  # points beyond the k nearest to the centre that are tried as the nearer point
 HEADER = 4  # integers before the points of a record: length, candidates scanned, group, cell
 TOGETHER = 64  # queries located together
 
@@ -49,7 +49,8 @@ class Lists(NamedTuple):
     largest: float  # coordinate of any point or query in the cubed box [m]
     used: np.ndarray  # (2,) int64: cells and record integers in use
     scratch: np.ndarray  # (n,) int32 candidates of a coarsest cube
-    scratch_distance: np.ndarray  # (n,) their squared distances to the centre
+    columns: np.ndarray  # (4, n) their x, y, z [m] and squared distance to the cube's centre
+    nearer: np.ndarray  # (n,) int64 points known to be nearer to the whole cube
 
 
 def empty_lists(tree):
@@ -75,21 +76,23 @@ def empty_lists(tree):
         largest=float(np.abs([low - margin, low - margin + shape * side]).max()),
         used=np.array([coarsest, 0]),
         scratch=np.empty(n, dtype=np.int32),
-        scratch_distance=np.empty(n),
+        columns=np.empty((4, n)),
+        nearer=np.empty(n, dtype=np.int64),
     )
 
 
 @jit
 def _fill(tree, lists, matches, cell, cx, cy, cz, half, candidates, best, best_distance):
     """Write the list of the cube (centre, half side) out of `candidates`; returns its record."""
-    points, distance = tree.points, lists.scratch_distance
-    records, used = lists.records, lists.used
+    points, records, used, nearer = tree.points, lists.records, lists.used, lists.nearer
+    x, y, z, distance = lists.columns[0], lists.columns[1], lists.columns[2], lists.columns[3]
     count = candidates.shape[0]
     tried = min(matches + DOMINATORS, count)
     best_distance[:tried] = np.inf
     for k in range(count):
-        q = candidates[k]
-        dx, dy, dz = points[q, 0] - cx, points[q, 1] - cy, points[q, 2] - cz
+        q = np.uint64(candidates[k])
+        x[k], y[k], z[k] = points[q, 0], points[q, 1], points[q, 2]
+        dx, dy, dz = x[k] - cx, y[k] - cy, z[k] - cz
         d2 = dx * dx + dy * dy + dz * dz
         distance[k] = d2
         if d2 < best_distance[tried - 1]:
@@ -105,25 +108,19 @@ def _fill(tree, lists, matches, cell, cx, cy, cz, half, candidates, best, best_d
     reach = math.sqrt(best_distance[matches - 1]) + 2.0 * math.sqrt(3.0) * half
     limit = reach * reach * (1.0 + 1e-6)
     margin = 1e-10 * limit
+    # One dominator after the other, so that the compiler tests several candidates at a time.
+    nearer[:count] = 0
+    for t in range(tried):
+        sx, sy, sz = points[best[t], 0], points[best[t], 1], points[best[t], 2]
+        base = best_distance[t] + margin
+        for k in range(count):
+            span = abs(x[k] - sx) + abs(y[k] - sy) + abs(z[k] - sz)
+            nearer[k] += np.int64(distance[k] - base > 2.0 * half * span)
     record = used[1]
     length = 0
     for k in range(count):
-        d2 = distance[k]
-        if d2 > limit:
-            continue
-        q = candidates[k]
-        x, y, z = points[q, 0], points[q, 1], points[q, 2]
-        nearer = 0
-        for t in range(tried):
-            s = best[t]
-            span = abs(x - points[s, 0]) + abs(y - points[s, 1]) + abs(z - points[s, 2])
-            if d2 - best_distance[t] > 2.0 * half * span + margin:
-                nearer += 1
-                if nearer == matches:
-                    break
-        if nearer < matches:
-            records[record + HEADER + length] = q
-            length += 1
+        records[record + HEADER + length] = candidates[k]
+        length += (nearer[k] < matches) & (distance[k] <= limit)
     records[record] = length
     records[record + 1] = 0
     records[record + 2] = -1
@@ -165,13 +162,8 @@ def _fill_on_the_way(tree, lists, matches, ix, iy, iz, best, best_distance, stac
 
     ix, iy, iz: the finest cube. Lists that are too long for the network are divided at once.
     """
-    origin, shape, cells, records, used = (
-        lists.origin,
-        lists.shape,
-        lists.cells,
-        lists.records,
-        lists.used,
-    )
+    origin, shape, cells = lists.origin, lists.shape, lists.cells
+    records, used = lists.records, lists.used
     last = LEVELS - 1
     side = lists.side[0] / (1 << last)
     coarsest = shape[0] * shape[1] * shape[2]
@@ -217,7 +209,8 @@ def _fill_on_the_way(tree, lists, matches, ix, iy, iz, best, best_distance, stac
 
 @jit
 def _spread(bits):
-    """Eight bits, two zeros between neighbours."""
+    """The last LEVELS - 1 = 8 bits, two zeros between neighbours."""
+    bits &= 0xFF
     bits = (bits | bits << 8) & 0x00F00F
     bits = (bits | bits << 4) & 0x0C30C3
     return (bits | bits << 2) & 0x249249
@@ -239,7 +232,7 @@ def locate(tree, lists, matches, x, y, z, count, where):
     best = np.empty(matches + DOMINATORS, np.int32)
     best_distance = np.empty(matches + DOMINATORS)
     stack = np.empty(kdtree.STACK, np.int32)
-    finest = np.empty((3, TOGETHER), np.int64)
+    finest = np.empty((TOGETHER, 3), np.int64)
     inside = np.empty(TOGETHER, np.bool_)
     turns = np.empty(TOGETHER, np.int64)  # the way down, three bits a level
     cell = np.empty(TOGETHER, np.uint64)
@@ -254,9 +247,9 @@ def locate(tree, lists, matches, x, y, z, count, where):
             ix = np.int64(fx if within else 0.0)
             iy = np.int64(fy if within else 0.0)
             iz = np.int64(fz if within else 0.0)
-            finest[0, j], finest[1, j], finest[2, j] = ix, iy, iz
+            finest[j, 0], finest[j, 1], finest[j, 2] = ix, iy, iz
             inside[j] = within
-            turns[j] = _spread(ix & 255) | _spread(iy & 255) << 1 | _spread(iz & 255) << 2
+            turns[j] = _spread(ix) | _spread(iy) << 1 | _spread(iz) << 2
             cell[j] = ((iz >> last) * rows + (iy >> last)) * columns + (ix >> last)
         for level in range(last - 1, -1, -1):
             deeper = False
@@ -273,16 +266,9 @@ def locate(tree, lists, matches, x, y, z, count, where):
             if not inside[j]:
                 record = np.int64(-1)
             elif record < 0:
+                ix, iy, iz = finest[j, 0], finest[j, 1], finest[j, 2]
                 record = _fill_on_the_way(
-                    tree,
-                    lists,
-                    matches,
-                    finest[0, j],
-                    finest[1, j],
-                    finest[2, j],
-                    best,
-                    best_distance,
-                    stack,
+                    tree, lists, matches, ix, iy, iz, best, best_distance, stack
                 )
             else:
                 prefetch(records, record)
