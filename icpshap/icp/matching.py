@@ -55,14 +55,14 @@ def _squared_distance(points, q, x, y, z):
 
 
 @jit
-def _scan(points, index, records, first, count, x, y, z, matches, found, distance, link):
+def _scan(points, index, records, first, count, query, matches, found, distance, link):
     """The k nearest of a list by full distances, lowest index on ties, from entry `link` on."""
     for t in range(link, link + matches):
         found[t] = -1
         distance[t] = np.inf
     for k in range(count):
         q = records[first + k]
-        d2 = _squared_distance(points, q, x, y, z)
+        d2 = _squared_distance(points, q, query[0], query[1], query[2])
         if d2 <= distance[link + matches - 1]:
             kdtree.insert(found, distance, link, matches, q, d2, index)
 
@@ -153,20 +153,9 @@ def match(tree, lists, matches, limit, count, work, found, distance, stack):
                 row = np.uint64(begin + lane)
                 link = np.uint64(ordered[row, 3]) * np.uint64(matches)
                 if undecided >> np.uint64(lane) & np.uint64(1):
-                    x, y, z = ordered[row, 0], ordered[row, 1], ordered[row, 2]
+                    query = ordered[row]
                     _scan(
-                        points,
-                        index,
-                        records,
-                        first,
-                        length,
-                        x,
-                        y,
-                        z,
-                        matches,
-                        found,
-                        distance,
-                        link,
+                        points, index, records, first, length, query, matches, found, distance, link
                     )
                     continue
                 for t in range(matches):
@@ -175,6 +164,8 @@ def match(tree, lists, matches, limit, count, work, found, distance, stack):
                     link += np.uint64(1)
             begin += LANES
         begin = end
+    # Full distances in the order of the queries, which streams, and only now, when it is known
+    # which points to ask for in advance.
     last = count * matches - 1
     for i in range(count):
         x, y, z = qx[i], qy[i], qz[i]
