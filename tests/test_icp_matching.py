@@ -1,5 +1,6 @@
 """Matches against brute force: distances, indices, ties; everywhere and for 1 to 5 matches."""
 
+import numba
 import numpy as np
 import pytest
 from conftest import folder_in
@@ -7,6 +8,7 @@ from conftest import folder_in
 from icpshap import dataset, icp
 from icpshap.icp import kdtree
 from icpshap.icp.matching import match, work_arrays
+from icpshap.icp.network import LANES, nearest_three
 
 GENERATORS = {
     "random": lambda rng: rng.normal(size=(2000, 3)),
@@ -18,6 +20,11 @@ GENERATORS = {
         rng.normal(size=(3000, 3)) * 10 ** rng.uniform(-3, 1, (3000, 1))
     ),
     "outlier": lambda rng: np.vstack([rng.normal(size=(1000, 3)), [[1e5, -1e5, 3.0]]]),
+    "villages_kilometres_apart": lambda rng: (
+        0.01 * rng.normal(size=(1500, 3)) + 1000.0 * rng.integers(0, 3, (1500, 3))
+    ),
+    "huge": lambda rng: 1e17 * rng.normal(size=(800, 3)),
+    "tiny": lambda rng: 1e-12 * rng.normal(size=(800, 3)),
     "five_points": lambda rng: rng.normal(size=(5, 3)),
 }
 
@@ -38,10 +45,15 @@ def queries_for(reference, rng):
     )
 
 
-def engine_matches(reference, queries, matches, limit=np.inf):
-    """(squared distances, original indices), each (n, matches), by the engine."""
+def engine_matches(reference, queries, matches, limit=np.inf, room=None):
+    """(squared distances, original indices), each (n, matches), by the engine.
+
+    room: integers that the lists may take.
+    """
     reference = icp.Reference(reference)
     tree, lists = reference.tree, reference.lists(matches)
+    if room is not None:
+        lists = lists._replace(records=np.empty(room, dtype=np.int32))
     queries = queries - reference.mean
     count = len(queries)
     work = work_arrays(count)
@@ -111,3 +123,45 @@ def test_nearly_equal_distances_are_told_apart():
     assert np.ptp(expected_distance) < 1e-14
     np.testing.assert_array_equal(distance, expected_distance)
     np.testing.assert_array_equal(index, expected_index)
+
+
+@pytest.mark.parametrize("room", [100, 5000, 20_000, 100_000])
+def test_full_lists_change_no_match(room):
+    rng = np.random.default_rng(2)
+    cloud = GENERATORS["dense_near_the_scanner"](rng)
+    points = queries_for(cloud, rng)
+    distance, index, _, _ = engine_matches(cloud, points, 3, room=room)
+    expected_distance, expected_index, _, _ = engine_matches(cloud, points, 3)
+    np.testing.assert_array_equal(distance, expected_distance)
+    np.testing.assert_array_equal(index, expected_index)
+
+
+@numba.njit
+def network(coarse, records, queries, largest, place):
+    return nearest_three(coarse, records, 0, len(records), queries, 0, largest, place)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_the_network_decides_nearly_all_queries_and_never_wrongly(scale):
+    """Random candidates; then such as differ by less than single precision can tell."""
+    rng = np.random.default_rng(3)
+    points = np.zeros((250, 4))
+    queries = np.zeros((LANES, 4))
+    place = np.zeros(3 * LANES, dtype=np.int32)
+    records = np.arange(250, dtype=np.int32)
+    decided = []
+    for closeness in np.repeat([1.0, 1e-3, 1e-5, 1e-7, 0.0], 40):
+        directions = rng.normal(size=(250, 3))
+        directions /= np.linalg.norm(directions, axis=1)[:, None]
+        queries[:, :3] = scale * rng.uniform(-1, 1, 3)
+        distances = scale * (1.0 + closeness * rng.uniform(-0.9, 0.9, 250))
+        points[:, :3] = queries[0, :3] + directions * distances[:, None]
+        undecided = network(points.astype(np.float32), records, queries, 3.0 * scale, place)
+        x, y, z, _ = (points - queries[0]).T
+        expected = np.argsort(x * x + y * y + z * z, kind="stable")[:3]
+        for lane in range(LANES):
+            if not undecided >> lane & 1:
+                np.testing.assert_array_equal(place[lane::LANES], expected)
+        decided.append(undecided == 0)
+    assert np.mean(decided[:40]) > 0.9
+    assert not np.any(decided[-80:])

@@ -31,8 +31,9 @@ COARSEST_CUBES = 2**22  # at most about this many; larger cubes where space is m
 LEVELS = 9  # sizes of cubes, each half the one above
 SHORT = 64  # a list this short is never split
 WORTH_SPLITTING = 131_072  # candidates scanned in a cube before it is split
-DOMINATORS = 8  # points beyond the k nearest to the centre that are tried as the nearer point
-HEADER = 3  # integers before the points of a list record: length, candidates scanned, group
+DOMINATORS = 16  # points beyond the k nearest to the centre that are tried as the nearer point
+HEADER = 4  # integers before the points of a record: length, candidates scanned, group, cell
+TOGETHER = 64  # queries located together
 
 
 class Lists(NamedTuple):
@@ -44,9 +45,12 @@ class Lists(NamedTuple):
     cells: np.ndarray  # int32: coarsest cubes, then 8 children each; UNFILLED, first child or list
     parent: np.ndarray  # int32: list of the cube that each 8 children divide
     records: np.ndarray  # int32: the lists, HEADER and positions in tree order
+    coarse: np.ndarray  # (n, 4) float32 points in tree order
+    largest: float  # coordinate of any point or query in the cubed box [m]
     used: np.ndarray  # (2,) int64: cells and record integers in use
     scratch: np.ndarray  # (n,) int32 candidates of a coarsest cube
-    scratch_distance: np.ndarray  # (n,) their squared distances to the centre
+    columns: np.ndarray  # (4, n) their x, y, z [m] and squared distance to the cube's centre
+    nearer: np.ndarray  # (n,) int64 points known to be nearer to the whole cube
 
 
 def empty_lists(tree):
@@ -68,23 +72,27 @@ def empty_lists(tree):
         cells=cells,
         parent=np.empty((len(cells) - coarsest) // 8, dtype=np.int32),
         records=np.empty(1_000_000 + 300 * n, dtype=np.int32),
+        coarse=tree.points.astype(np.float32),
+        largest=float(np.abs([low - margin, low - margin + shape * side]).max()),
         used=np.array([coarsest, 0]),
         scratch=np.empty(n, dtype=np.int32),
-        scratch_distance=np.empty(n),
+        columns=np.empty((4, n)),
+        nearer=np.empty(n, dtype=np.int64),
     )
 
 
 @jit
-def _fill(tree, lists, matches, cx, cy, cz, half, candidates, best, best_distance):
+def _fill(tree, lists, matches, cell, cx, cy, cz, half, candidates, best, best_distance):
     """Write the list of the cube (centre, half side) out of `candidates`; returns its record."""
-    points, distance = tree.points, lists.scratch_distance
-    records, used = lists.records, lists.used
+    points, records, used, nearer = tree.points, lists.records, lists.used, lists.nearer
+    x, y, z, distance = lists.columns[0], lists.columns[1], lists.columns[2], lists.columns[3]
     count = candidates.shape[0]
     tried = min(matches + DOMINATORS, count)
     best_distance[:tried] = np.inf
     for k in range(count):
-        q = candidates[k]
-        dx, dy, dz = points[q, 0] - cx, points[q, 1] - cy, points[q, 2] - cz
+        q = np.uint64(candidates[k])
+        x[k], y[k], z[k] = points[q, 0], points[q, 1], points[q, 2]
+        dx, dy, dz = x[k] - cx, y[k] - cy, z[k] - cz
         d2 = dx * dx + dy * dy + dz * dz
         distance[k] = d2
         if d2 < best_distance[tried - 1]:
@@ -100,123 +108,171 @@ def _fill(tree, lists, matches, cx, cy, cz, half, candidates, best, best_distanc
     reach = math.sqrt(best_distance[matches - 1]) + 2.0 * math.sqrt(3.0) * half
     limit = reach * reach * (1.0 + 1e-6)
     margin = 1e-10 * limit
+    # One dominator after the other, so that the compiler tests several candidates at a time.
+    nearer[:count] = 0
+    for t in range(tried):
+        sx, sy, sz = points[best[t], 0], points[best[t], 1], points[best[t], 2]
+        base = best_distance[t] + margin
+        for k in range(count):
+            span = abs(x[k] - sx) + abs(y[k] - sy) + abs(z[k] - sz)
+            nearer[k] += np.int64(distance[k] - base > 2.0 * half * span)
     record = used[1]
     length = 0
     for k in range(count):
-        d2 = distance[k]
-        if d2 > limit:
-            continue
-        q = candidates[k]
-        x, y, z = points[q, 0], points[q, 1], points[q, 2]
-        nearer = 0
-        for t in range(tried):
-            s = best[t]
-            span = abs(x - points[s, 0]) + abs(y - points[s, 1]) + abs(z - points[s, 2])
-            if d2 - best_distance[t] > 2.0 * half * span + margin:
-                nearer += 1
-                if nearer == matches:
-                    break
-        if nearer < matches:
-            records[record + HEADER + length] = q
-            length += 1
+        records[record + HEADER + length] = candidates[k]
+        length += (nearer[k] < matches) & (distance[k] <= limit)
     records[record] = length
     records[record + 1] = 0
     records[record + 2] = -1
+    records[record + 3] = cell
     used[1] += HEADER + length
     return record
 
 
 @jit
-def _fill_coarsest(tree, lists, matches, cx, cy, cz, half, best, best_distance, stack):
+def _fill_coarsest(tree, lists, matches, cell, cx, cy, cz, half, best, best_distance, stack):
     kdtree.nearest(tree, cx, cy, cz, matches, np.inf, best, best_distance, 0, stack)
     radius = (math.sqrt(best_distance[matches - 1]) + 4.0 * half) * (1.0 + 1e-6)
     count = kdtree.within(tree, cx, cy, cz, radius, lists.scratch, stack)
-    return _fill(tree, lists, matches, cx, cy, cz, half, lists.scratch[:count], best, best_distance)
+    return _fill(
+        tree, lists, matches, cell, cx, cy, cz, half, lists.scratch[:count], best, best_distance
+    )
+
+
+@jit
+def divide(lists, record):
+    """Give the cube of a record eight children, if there is room; returns the first of them or -1.
+
+    The record stays readable.
+    """
+    cells, used, cell = lists.cells, lists.used, lists.records[record + 3]
+    if cell < 0 or used[0] + 8 > cells.shape[0]:
+        return np.int64(-1)
+    children = used[0]
+    used[0] += 8
+    coarsest = lists.shape[0] * lists.shape[1] * lists.shape[2]
+    lists.parent[(children - coarsest) >> 3] = record
+    cells[cell] = children
+    return children
+
+
+@jit
+def _fill_on_the_way(tree, lists, matches, ix, iy, iz, best, best_distance, stack):
+    """Walk to a cube that has no list yet and fill it; returns its record, -1 without room.
+
+    ix, iy, iz: the finest cube. Lists that are too long for the network are divided at once.
+    """
+    origin, shape, cells = lists.origin, lists.shape, lists.cells
+    records, used = lists.records, lists.used
+    last = LEVELS - 1
+    side = lists.side[0] / (1 << last)
+    coarsest = shape[0] * shape[1] * shape[2]
+    cell = ((iz >> last) * shape[1] + (iy >> last)) * shape[0] + (ix >> last)
+    children = np.int64(-1)
+    level = last
+    while True:
+        entry = np.int64(cells[cell])
+        if entry == UNFILLED:
+            width = side * (1 << level)
+            cx = origin[0] + ((ix >> level) + 0.5) * width
+            cy = origin[1] + ((iy >> level) + 0.5) * width
+            cz = origin[2] + ((iz >> level) + 0.5) * width
+            named = cell if level > 0 else np.int64(-1)
+            half = 0.5 * width
+            if level == last:
+                if used[1] + HEADER + tree.points.shape[0] > records.shape[0]:
+                    return np.int64(-1)
+                record = _fill_coarsest(
+                    tree, lists, matches, named, cx, cy, cz, half, best, best_distance, stack
+                )
+            else:
+                record = np.int64(lists.parent[(children - coarsest) >> 3])
+                if used[1] + HEADER + records[record] > records.shape[0]:
+                    return record
+                inherited = records[record + HEADER : record + HEADER + records[record]]
+                record = _fill(
+                    tree, lists, matches, named, cx, cy, cz, half, inherited, best, best_distance
+                )
+            entry = -2 - record
+            cells[cell] = entry
+        if entry < 0:
+            record = -2 - entry
+            if records[record] <= LONGEST:
+                return record
+            entry = divide(lists, record)
+            if entry < 0:
+                return record
+        children = entry
+        level -= 1
+        cell = children + ((iz >> level) & 1) * 4 + ((iy >> level) & 1) * 2 + ((ix >> level) & 1)
+
+
+@jit
+def _spread(bits):
+    """The last LEVELS - 1 = 8 bits, two zeros between neighbours."""
+    bits &= 0xFF
+    bits = (bits | bits << 8) & 0x00F00F
+    bits = (bits | bits << 4) & 0x0C30C3
+    return (bits | bits << 2) & 0x249249
 
 
 @jit
 def locate(tree, lists, matches, x, y, z, count, where):
-    """where[i] = record of the list to search for query i; -1 if only the tree can answer."""
-    origin, cells, records, used = lists.origin, lists.cells, lists.records, lists.used
-    shape = lists.shape
+    """where[i] = record of the list to search for query i; -1 if only the tree can answer.
+
+    Queries go down level by level, many together and without a branch that depends on one of them,
+    so that the processor fetches the cells of all at the same time.
+    """
+    origin, cells, records, shape = lists.origin, lists.cells, lists.records, lists.shape
     last = LEVELS - 1
-    side = lists.side[0] / (1 << last)  # of the finest cubes
-    per_metre = 1.0 / side
-    coarsest = shape[0] * shape[1] * shape[2]
+    per_metre = (1 << last) / lists.side[0]  # finest cubes
+    x0, y0, z0 = origin[0], origin[1], origin[2]
+    columns, rows = shape[0], shape[1]
+    x_end, y_end, z_end = shape[0] << last, shape[1] << last, shape[2] << last
     best = np.empty(matches + DOMINATORS, np.int32)
     best_distance = np.empty(matches + DOMINATORS)
     stack = np.empty(kdtree.STACK, np.int32)
-    for i in range(count):
-        fx = (x[i] - origin[0]) * per_metre
-        fy = (y[i] - origin[1]) * per_metre
-        fz = (z[i] - origin[2]) * per_metre
-        inside = fx >= 0.0 and fy >= 0.0 and fz >= 0.0
-        inside = inside and fx < shape[0] << last and fy < shape[1] << last
-        inside = inside and fz < shape[2] << last
-        if not inside:
-            where[i] = -1
-            continue
-        ix, iy, iz = np.int64(fx), np.int64(fy), np.int64(fz)
-        level = last
-        shift = last
-        cell = ((iz >> shift) * shape[1] + (iy >> shift)) * shape[0] + (ix >> shift)
-        record = children = np.int64(-1)
-        while True:
-            entry = np.int64(cells[cell])
-            if entry == UNFILLED:
-                shift = level
-                width = side * (1 << shift)
-                cx = origin[0] + ((ix >> shift) + 0.5) * width
-                cy = origin[1] + ((iy >> shift) + 0.5) * width
-                cz = origin[2] + ((iz >> shift) + 0.5) * width
-                if level == last:
-                    if used[1] + HEADER + tree.points.shape[0] > records.shape[0]:
-                        break
-                    record = _fill_coarsest(
-                        tree, lists, matches, cx, cy, cz, 0.5 * width, best, best_distance, stack
-                    )
-                else:
-                    record = np.int64(lists.parent[(children - coarsest) >> 3])
-                    if used[1] + HEADER + records[record] > records.shape[0]:
-                        break
-                    inherited = records[record + HEADER : record + HEADER + records[record]]
-                    record = _fill(
-                        tree,
-                        lists,
-                        matches,
-                        cx,
-                        cy,
-                        cz,
-                        0.5 * width,
-                        inherited,
-                        best,
-                        best_distance,
-                    )
-                entry = -2 - 2 * record - (records[record] > SHORT)
-                cells[cell] = entry
-            if entry < 0:
-                # An even entry is final: its record need not be read here, only sent for.
-                record = (-2 - entry) >> 1
-                if entry & 1 == 0 or level == 0:
-                    prefetch(records, record)
-                    prefetch(records, record + 16)
-                    break
-                length = records[record]
-                records[record + 1] += length
-                if records[record + 1] < WORTH_SPLITTING and length <= LONGEST:
-                    break
-                if used[0] + 8 > cells.shape[0]:
-                    break
-                entry = used[0]
-                used[0] += 8
-                lists.parent[(entry - coarsest) >> 3] = record
-                cells[cell] = entry
-            children = entry
-            level -= 1
-            shift = level
-            child = ((iz >> shift) & 1) * 4 + ((iy >> shift) & 1) * 2 + ((ix >> shift) & 1)
-            cell = children + child
-        where[i] = record
+    finest = np.empty((TOGETHER, 3), np.int64)
+    inside = np.empty(TOGETHER, np.bool_)
+    turns = np.empty(TOGETHER, np.int64)  # the way down, three bits a level
+    cell = np.empty(TOGETHER, np.uint64)
+    for first in range(0, count, TOGETHER):
+        size = min(TOGETHER, count - first)
+        for j in range(size):
+            fx = (x[first + j] - x0) * per_metre
+            fy = (y[first + j] - y0) * per_metre
+            fz = (z[first + j] - z0) * per_metre
+            within = (fx >= 0.0) & (fy >= 0.0) & (fz >= 0.0)
+            within &= (fx < x_end) & (fy < y_end) & (fz < z_end)
+            ix = np.int64(fx if within else 0.0)
+            iy = np.int64(fy if within else 0.0)
+            iz = np.int64(fz if within else 0.0)
+            finest[j, 0], finest[j, 1], finest[j, 2] = ix, iy, iz
+            inside[j] = within
+            turns[j] = _spread(ix) | _spread(iy) << 1 | _spread(iz) << 2
+            cell[j] = ((iz >> last) * rows + (iy >> last)) * columns + (ix >> last)
+        for level in range(last - 1, -1, -1):
+            deeper = False
+            for j in range(size):
+                entry = cells[cell[j]]
+                divided = entry >= 0
+                child = np.uint64(entry + ((turns[j] >> (3 * level)) & 7))
+                cell[j] = child if divided else cell[j]
+                deeper |= divided
+            if not deeper:
+                break
+        for j in range(size):
+            record = np.int64(-2 - cells[cell[j]])
+            if not inside[j]:
+                record = np.int64(-1)
+            elif record < 0:
+                ix, iy, iz = finest[j, 0], finest[j, 1], finest[j, 2]
+                record = _fill_on_the_way(
+                    tree, lists, matches, ix, iy, iz, best, best_distance, stack
+                )
+            else:
+                prefetch(records, record)
+            where[first + j] = record
 
 
 def forget(lists):

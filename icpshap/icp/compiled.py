@@ -41,6 +41,7 @@ def prefetch(typing_context, array, position):
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
         address = builder.gep(data, [arguments[1]])
         integer = ir.IntType(32)
+        address = builder.bitcast(address, integer.as_pointer())
         kind = ir.FunctionType(ir.VoidType(), [address.type, integer, integer, integer])
         function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
         read, keep, data_cache = (ir.Constant(integer, value) for value in (0, 3, 1))

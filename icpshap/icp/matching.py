@@ -1,13 +1,12 @@
 """Matching: the k nearest reference points of a block of queries.
 
 Idea: the queries of a block, all runs together, are sorted by candidate list, in linear time. Each
-list is then read once for all the queries in its cube, eight queries at a time (`network`).
+list is then read once for all the queries in its cube, sixteen queries at a time (`network`).
 
-Exactness: the network orders squared distances without their last 8 bits, so it keeps one more
-than k; whenever two neighbours in that order agree in all other bits, the query is repeated with
-full distances, equal ones by lowest index. Distances are computed by the same operations as in the
-k-d tree, which answers the queries outside the lists: which way a query is answered cannot be seen
-in the result.
+Exactness: the network orders candidates in single precision and tells for which queries it is
+sure of the order; the others are repeated with full distances, equal ones by lowest index. All
+distances that are passed on are computed by the same operations as in the k-d tree, which answers
+the queries outside the lists: which way a query is answered cannot be seen in the result.
 
 Measured: docs/engine.md.
 """
@@ -17,16 +16,13 @@ from typing import NamedTuple
 import numpy as np
 
 from icpshap.icp import kdtree
-from icpshap.icp.candidates import HEADER, locate
-from icpshap.icp.compiled import jit
-from icpshap.icp.network import (
-    LANES,
-    LONGEST,
-    PLACE,
-    four_smallest_keys,
-    six_smallest_keys,
-    two_smallest_keys,
-)
+from icpshap.icp.candidates import HEADER, SHORT, WORTH_SPLITTING, divide, locate
+from icpshap.icp.compiled import jit, prefetch
+from icpshap.icp.network import LANES, LONGEST, nearest_five, nearest_one, nearest_three
+
+GROUPS_AHEAD = 6  # groups before a list is read, it is asked for
+LINES_AHEAD = 5  # cache lines of it
+LINKS_AHEAD = 24  # links before a point is read, it is asked for
 
 
 class Work(NamedTuple):
@@ -36,19 +32,20 @@ class Work(NamedTuple):
     y: np.ndarray
     z: np.ndarray
     where: np.ndarray  # (n,) int32 record of each query's list; later its group
-    order: np.ndarray  # (n,) int32 queries sorted by group
+    ordered: np.ndarray  # (n + LANES, 4) x, y, z [m] and number of the queries, sorted by group
     group_list: np.ndarray  # (n,) int32 record of each group
-    group_end: np.ndarray  # (n,) int32 end of each group in `order`
-    lane: np.ndarray  # (3 LANES,) coordinates of the queries that share a list
-    key: np.ndarray  # (6 LANES,) int64 smallest keys, one row of LANES for each rank
+    group_end: np.ndarray  # (n,) int32 end of each group in `ordered`
+    place: np.ndarray  # (5 LANES,) int32 nearest candidates, one row of LANES for each rank
 
 
 def work_arrays(queries):
     """Work for blocks of up to that many queries."""
     coordinates = [np.empty(queries) for _ in range(3)]
-    integers = [np.empty(queries, dtype=np.int32) for _ in range(4)]
-    lane, key = np.zeros(3 * LANES), np.zeros(6 * LANES, dtype=np.int64)
-    return Work(*coordinates, *integers, lane, key)
+    where, group_list, group_end = (np.empty(queries, dtype=np.int32) for _ in range(3))
+    # The lanes behind the last query of a group are computed and ignored: they must exist.
+    ordered = np.zeros((queries + LANES, 4))
+    place = np.zeros(5 * LANES, dtype=np.int32)
+    return Work(*coordinates, where, ordered, group_list, group_end, place)
 
 
 @jit
@@ -58,21 +55,23 @@ def _squared_distance(points, q, x, y, z):
 
 
 @jit
-def _scan(points, index, records, first, count, x, y, z, matches, found, distance, link):
+def _scan(points, index, records, first, count, query, matches, found, distance, link):
     """The k nearest of a list by full distances, lowest index on ties, from entry `link` on."""
     for t in range(link, link + matches):
         found[t] = -1
         distance[t] = np.inf
     for k in range(count):
         q = records[first + k]
-        d2 = _squared_distance(points, q, x, y, z)
+        d2 = _squared_distance(points, q, query[0], query[1], query[2])
         if d2 <= distance[link + matches - 1]:
             kdtree.insert(found, distance, link, matches, q, d2, index)
 
 
 @jit
-def _sort_by_list(records, count, where, order, group_list, group_end):
+def _sort_by_list(records, count, work):
     """Sort the queries with a list by list, in linear time; returns the number of groups."""
+    x, y, z, where, ordered = work.x, work.y, work.z, work.where, work.ordered
+    group_list, group_end = work.group_list, work.group_end
     groups = 0
     for i in range(count):
         record = where[i]
@@ -96,8 +95,10 @@ def _sort_by_list(records, count, where, order, group_list, group_end):
     for i in range(count):
         group = where[i]
         if group >= 0:
-            order[group_end[group]] = i
-            group_end[group] += 1
+            row = group_end[group]
+            ordered[row, 0], ordered[row, 1], ordered[row, 2] = x[i], y[i], z[i]
+            ordered[row, 3] = i
+            group_end[group] = row + 1
     return groups
 
 
@@ -109,64 +110,70 @@ def match(tree, lists, matches, limit, count, work, found, distance, stack):
     A link longer than the square root of `limit` is -1, infinity.
     """
     # Named once: taking an array out of a tuple, or a slice of one, costs more than a distance.
-    points, index, records = tree.points, tree.index, lists.records
-    qx, qy, qz, where, order = work.x, work.y, work.z, work.where, work.order
-    group_list, group_end = work.group_list, work.group_end
-    lane, key = work.lane, work.key
+    largest = lists.largest
+    points, index, records, coarse = tree.points, tree.index, lists.records, lists.coarse
+    qx, qy, qz, where, ordered = work.x, work.y, work.z, work.where, work.ordered
+    group_list, group_end, place = work.group_list, work.group_end, work.place
     locate(tree, lists, matches, qx, qy, qz, count, where)
     for i in range(count):
         if where[i] < 0:
             kdtree.nearest(
                 tree, qx[i], qy[i], qz[i], matches, limit, found, distance, i * matches, stack
             )
-    groups = _sort_by_list(records, count, where, order, group_list, group_end)
+    groups = _sort_by_list(records, count, work)
     begin = 0
     for group in range(groups):
-        first = group_list[group] + HEADER
-        length = records[group_list[group]]
+        for line in range(LINES_AHEAD):
+            prefetch(records, group_list[min(group + GROUPS_AHEAD, groups - 1)] + 16 * line)
+        record = group_list[group]
+        first, length = record + HEADER, records[record]
         end = group_end[group]
+        if length > SHORT:
+            scanned = records[record + 1] + length * (end - begin)
+            if records[record + 1] < WORTH_SPLITTING <= scanned:
+                divide(lists, record)
+            records[record + 1] = scanned
         while begin < end:
-            lanes = min(LANES, end - begin)
-            if length <= LONGEST:
-                for j in range(LANES):
-                    i = order[begin + min(j, lanes - 1)]
-                    lane[j], lane[LANES + j], lane[2 * LANES + j] = qx[i], qy[i], qz[i]
-                if matches == 1:
-                    two_smallest_keys(points, records, first, length, lane, key)
-                elif matches <= 3:
-                    four_smallest_keys(points, records, first, length, lane, key)
-                else:
-                    six_smallest_keys(points, records, first, length, lane, key)
-            for j in range(lanes):
-                i = order[begin + j]
-                x, y, z = qx[i], qy[i], qz[i]
-                link = i * matches
-                tied = length > LONGEST
-                if not tied:
-                    for t in range(matches):
-                        this = key[t * LANES + j]
-                        tied |= (this ^ key[(t + 1) * LANES + j]) <= PLACE
-                        q = records[first + (this & PLACE)]
-                        found[link + t] = q
-                        distance[link + t] = _squared_distance(points, q, x, y, z)
-                if tied:
+            if length > LONGEST:
+                undecided = np.uint64(2**LANES - 1)
+            elif matches == 1:
+                undecided = nearest_one(
+                    coarse, records, first, length, ordered, begin, largest, place
+                )
+            elif matches <= 3:
+                undecided = nearest_three(
+                    coarse, records, first, length, ordered, begin, largest, place
+                )
+            else:
+                undecided = nearest_five(
+                    coarse, records, first, length, ordered, begin, largest, place
+                )
+            for lane in range(min(LANES, end - begin)):
+                # Unsigned, or numba would ask of each index whether it counts from the end.
+                row = np.uint64(begin + lane)
+                link = np.uint64(ordered[row, 3]) * np.uint64(matches)
+                if undecided >> np.uint64(lane) & np.uint64(1):
+                    query = ordered[row]
                     _scan(
-                        points,
-                        index,
-                        records,
-                        first,
-                        length,
-                        x,
-                        y,
-                        z,
-                        matches,
-                        found,
-                        distance,
-                        link,
+                        points, index, records, first, length, query, matches, found, distance, link
                     )
-            begin += lanes
-    if limit < np.inf:
-        for link in range(count * matches):
-            if found[link] < 0 or distance[link] > limit:
+                    continue
+                for t in range(matches):
+                    entry = np.uint64(first) + np.uint64(place[t * LANES + lane])
+                    found[link] = records[entry]
+                    link += np.uint64(1)
+            begin += LANES
+        begin = end
+    # Full distances in the order of the queries, which streams, and only now, when it is known
+    # which points to ask for in advance.
+    last = count * matches - 1
+    for i in range(count):
+        x, y, z = qx[i], qy[i], qz[i]
+        for link in range(i * matches, (i + 1) * matches):
+            prefetch(points, 4 * found[min(link + LINKS_AHEAD, last)])
+            q = found[link]
+            d2 = _squared_distance(points, np.uint64(q), x, y, z) if q >= 0 else np.inf
+            if d2 > limit:
                 found[link] = -1
-                distance[link] = np.inf
+                d2 = np.inf
+            distance[link] = d2

@@ -1,86 +1,134 @@
-"""Sorting network: the nearest candidates of eight queries at once, in vector registers.
+"""Sorting network: the nearest candidates of sixteen queries at once, in vector registers.
 
-Idea: eight queries share a list of candidates. For each candidate, eight squared distances are one
-vector; as the bit pattern of a positive float64 orders like an integer, the lowest 8 bits can carry
-the candidate's place in the list, and integer minima and maxima then keep the smallest few keys of
-every query without a branch. Written in the compiler's vector instructions, because numba's own
-loops would keep the keys in memory between candidates, which is three times slower; the compiler
-translates them to whatever vectors the processor has.
+Idea: sixteen queries share a list of candidates. For each candidate, sixteen squared distances in
+single precision are one vector; as the bit pattern of a positive float orders like an integer, the
+lowest 8 bits can carry the candidate's place in the list, and integer minima and maxima then keep
+the smallest few keys of every query without a branch. Written in the compiler's vector
+instructions, because numba's own loops would keep the keys in memory between candidates, which is
+three times slower; the compiler translates them to whatever vectors the processor has.
 
-Exactness: the distances are the same operations in the same order as everywhere else. Keys are
-exact but for the 8 replaced bits; `matching` repeats the queries for which these decide.
+Exactness: keys are approximate, so the network also proves which queries they decide. Let all
+coordinates be at most M in size and u = 2^-24. Rounding moves a point and a query by at most
+sqrt(3) u M each, their distance by at most e = 2 sqrt(3) u M; computing the squared distance
+changes it by less than 6 u of itself, clearing 8 bits by less than 2^-15 of itself. So for keys
+a < b, without their places, the point of a is surely nearer than every point with a key of b or
+more if sqrt(a) (1 + 2^-16 + 3 u) + e < sqrt(b) (1 - 3 u) - e, and for that it is enough that
+a < b - (2^-15 + 12 u) b - 4 e sqrt(b). The test takes 2^-14 for the first factor and 2^-20 M for
+4 e, which leaves room for its own rounding. M >= 1e-3 keeps what it accepts far from underflow,
+M <= 1e15 from overflow. A query that fails the test between any two of its k + 1 smallest keys is
+reported, and `matching` repeats it with full distances.
 """
+
+import itertools
 
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-LANES = 8
-PLACE = np.int64(255)  # the bits of a key that hold a place
+LANES = 16
+PLACE = 255  # the bits of a key that hold a place
 LONGEST = 255  # list whose places fit
-LARGEST = 2**63 - 1
+RELATIVE = 2.0**-14
+ABSOLUTE = 2.0**-20  # of the largest coordinate
+LARGEST = 1e15  # coordinate for which the network can decide anything [m]
 
 
 def _network(rows):
-    """A compiled function that writes the `rows` smallest keys of LANES queries, ascending.
+    """A compiled function: the `rows` - 1 nearest candidates of LANES queries, ascending.
 
-    points: (n, 4); records[first : first + count]: the candidates; lanes: (3, LANES) coordinates
-    of the queries, flat; key: (rows, LANES) int64, flat, the result.
+    coarse: (n, 4) float32 points; records[first : first + count]: the candidates;
+    queries: (m, 4), of which those from `begin` on are meant; largest: size of any coordinate, at
+    least 1e-3; place: (rows - 1, LANES) int32, flat, set to places in the list. Returns the queries
+    that are not decided, one bit for each.
     """
 
     @intrinsic
-    def smallest_keys(typing_context, points, records, first, count, lanes, key):
+    def nearest(typing_context, coarse, records, first, count, queries, begin, largest, place):
         def generate(context, builder, signature, arguments):
             def data(argument):
                 array = context.make_array(signature.args[argument])
                 return array(context, builder, arguments[argument]).data
 
-            integer, real = ir.IntType(64), ir.DoubleType()
+            long, integer = ir.IntType(64), ir.IntType(32)
+            double, real = ir.DoubleType(), ir.FloatType()
             integers, reals = ir.VectorType(integer, LANES), ir.VectorType(real, LANES)
 
-            def vector_at(pointer, row, kind):
-                address = builder.gep(pointer, [ir.Constant(integer, row * LANES)])
-                return builder.bitcast(address, kind.as_pointer())
+            def vector_at(pointer, start, kind):
+                return builder.bitcast(builder.gep(pointer, [start]), kind.as_pointer())
 
             def everywhere(value, kind):
-                zero = ir.Constant(ir.IntType(32), 0)
-                single = builder.insert_element(ir.Constant(kind, ir.Undefined), value, zero)
-                mask = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+                single = builder.insert_element(
+                    ir.Constant(kind, ir.Undefined), value, ir.Constant(integer, 0)
+                )
+                mask = ir.Constant(ir.VectorType(integer, LANES), [0] * LANES)
                 return builder.shuffle_vector(single, ir.Constant(kind, ir.Undefined), mask)
 
-            def constant(value):
-                return ir.Constant(integers, [ir.Constant(integer, value)] * LANES)
+            def constant(value, kind=integers):
+                return ir.Constant(kind, [ir.Constant(kind.element, value)] * LANES)
 
-            query = [builder.load(vector_at(data(4), axis, reals), align=8) for axis in range(3)]
-            smallest = [cgutils.alloca_once_value(builder, constant(LARGEST)) for _ in range(rows)]
+            # Rows of four float64 to columns of float32.
+            all_rows = ir.VectorType(double, 4 * LANES)
+            start = builder.mul(arguments[5], ir.Constant(long, 4))
+            wide = builder.load(vector_at(data(4), start, all_rows), align=8)
+            narrow = builder.fptrunc(wide, ir.VectorType(real, 4 * LANES))
+            unused = ir.Constant(narrow.type, ir.Undefined)
+            query = []
+            for axis in range(3):
+                column = [ir.Constant(integer, 4 * lane + axis) for lane in range(LANES)]
+                query.append(builder.shuffle_vector(narrow, unused, ir.Constant(integers, column)))
+
+            # A key above all others, yet a finite number.
+            largest = np.float32(np.finfo(np.float32).max).view(np.int32)
+            smallest = [cgutils.alloca_once(builder, integers) for _ in range(rows)]
             for row in smallest:
-                builder.store(constant(LARGEST), row)
+                builder.store(constant(int(largest)), row)
             with cgutils.for_range(builder, arguments[3]) as loop:
                 entry = builder.gep(data(1), [builder.add(arguments[2], loop.index)])
-                candidate = builder.sext(builder.load(entry), integer)
-                base = builder.mul(candidate, ir.Constant(integer, 4))
-                squares = []
+                candidate = builder.sext(builder.load(entry), long)
+                base = builder.mul(candidate, ir.Constant(long, 4))
+                squared = None
                 for axis in range(3):
-                    offset = builder.add(base, ir.Constant(integer, axis))
+                    offset = builder.add(base, ir.Constant(long, axis))
                     coordinate = builder.load(builder.gep(data(0), [offset]))
                     difference = builder.fsub(everywhere(coordinate, reals), query[axis])
-                    squares.append(builder.fmul(difference, difference))
-                squared = builder.fadd(builder.fadd(squares[0], squares[1]), squares[2])
-                value = builder.and_(builder.bitcast(squared, integers), constant(~int(PLACE)))
-                value = builder.or_(value, everywhere(loop.index, integers))
+                    square = builder.fmul(difference, difference, flags=("contract",))
+                    if squared is not None:
+                        square = builder.fadd(squared, square, flags=("contract",))
+                    squared = square
+                value = builder.and_(builder.bitcast(squared, integers), constant(~PLACE))
+                number = builder.trunc(loop.index, integer)
+                value = builder.or_(value, everywhere(number, integers))
                 for row in smallest:
                     kept = builder.load(row)
                     less = builder.icmp_signed("<", value, kept)
                     builder.store(builder.select(less, value, kept), row)
                     value = builder.select(less, kept, value)
-            for number, row in enumerate(smallest):
-                builder.store(builder.load(row), vector_at(data(5), number, integers), align=8)
-            return context.get_dummy_value()
 
-        return types.void(points, records, types.int64, types.int64, lanes, key), generate
+            root = cgutils.get_or_insert_function(
+                builder.module, ir.FunctionType(reals, [reals]), f"llvm.sqrt.v{LANES}f32"
+            )
+            keys = [builder.load(row) for row in smallest]
+            bare = [builder.bitcast(builder.and_(key, constant(~PLACE)), reals) for key in keys]
+            decided = constant(1, ir.VectorType(ir.IntType(1), LANES))
+            fits = builder.fcmp_ordered("<=", arguments[6], ir.Constant(double, LARGEST))
+            absolute = builder.fmul(arguments[6], ir.Constant(double, ABSOLUTE))
+            absolute = builder.select(fits, absolute, ir.Constant(double, np.inf))
+            absolute = everywhere(builder.fptrunc(absolute, real), reals)
+            for nearer, farther in itertools.pairwise(bare):
+                bound = builder.fmul(farther, constant(1.0 - RELATIVE, reals))
+                bound = builder.fsub(bound, builder.fmul(absolute, builder.call(root, [farther])))
+                decided = builder.and_(decided, builder.fcmp_ordered("<", nearer, bound))
+            for number, key in enumerate(keys[:-1]):
+                address = vector_at(data(7), ir.Constant(long, number * LANES), integers)
+                builder.store(builder.and_(key, constant(PLACE)), address, align=4)
+            bits = builder.bitcast(builder.not_(decided), ir.IntType(LANES))
+            return builder.zext(bits, long)
 
-    return smallest_keys
+        inputs = (coarse, records, types.int64, types.int64, queries, types.int64, largest, place)
+        return types.uint64(*inputs), generate
+
+    return nearest
 
 
-two_smallest_keys, four_smallest_keys, six_smallest_keys = _network(2), _network(4), _network(6)
+nearest_one, nearest_three, nearest_five = _network(2), _network(4), _network(6)
