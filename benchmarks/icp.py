@@ -347,12 +347,6 @@ def speed(job):
 
 def growth(sizes, runs, settings):
     """Cost against the number of points, runs and settings: tables and docs/icp_cost.svg."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    matplotlib.rcParams["svg.hashsalt"] = "icpshap"
-    from matplotlib import pyplot
-
     middle = sizes[len(sizes) // 2]
     by_size = [measure("cost", n, 100) for n in sizes]
     by_runs = [measure("cost", middle, n) for n in runs]
@@ -374,21 +368,32 @@ def growth(sizes, runs, settings):
         ("settings", "CPU s of the job", "of these a setting"),
         [(n, m["total"], m["total"] / n) for n, m in zip(settings, by_settings, strict=True)],
     )
+    draw_growth(
+        (sizes, [m["index"] for m in by_size], [m["register"] * 1e3 for m in by_size]),
+        (runs, [m["register"] * 1e3 for m in by_runs]),
+        (settings, [m["total"] for m in by_settings]),
+    )
+
+
+def draw_growth(by_size, by_runs, by_settings):
+    import matplotlib
+
+    matplotlib.use("Agg")
+    matplotlib.rcParams["svg.hashsalt"] = "icpshap"
+    from matplotlib import pyplot
+
     figure, axes = pyplot.subplots(1, 3, figsize=(12, 3.5), layout="constrained")
-    n = np.array(sizes, dtype=float)
-    for key, factor, style, label in (
-        ("index", 1.0, "o-", "index and normals [s]"),
-        ("register", 1e3, "s-", "an iteration of a run [ms]"),
-    ):
-        cost = factor * np.array([m[key] for m in by_size])
-        (line,) = axes[0].loglog(n, cost, style, label=label)
-        bound = cost[0] * n * np.log(n) / (n[0] * np.log(n[0]))
-        axes[0].loglog(n, bound, ":", color=line.get_color(), label="n log n through the first")
-    axes[0].set(xlabel="points a scan", ylabel="CPU time")
-    axes[0].legend()
-    axes[1].semilogx(runs, [m["register"] * 1e3 for m in by_runs], "s-")
+    n, *costs = (np.array(values, dtype=float) for values in by_size)
+    labels = ("index and normals [s]", "an iteration of a run [ms]")
+    for cost, style, label in zip(costs, ("o-", "s-"), labels, strict=True):
+        axes[0].loglog(n, cost, style, label=label)
+        (bound,) = axes[0].loglog(n, cost[0] * n * np.log(n) / (n[0] * np.log(n[0])), "k:", lw=1)
+    bound.set_label("n log n through the first point")
+    axes[0].set(xlabel="points a scan", ylabel="CPU time", ylim=(None, 500.0))
+    axes[0].legend(loc="upper left")
+    axes[1].semilogx(*by_runs, "s-")
     axes[1].set(xlabel="runs", ylabel="an iteration of a run [ms]", ylim=(0, None))
-    axes[2].plot(settings, [m["total"] for m in by_settings], "s-")
+    axes[2].plot(*by_settings, "s-")
     axes[2].set(xlabel="settings of 100 runs", ylabel="job [s]", xlim=(0, None), ylim=(0, None))
     figure.savefig(REPOSITORY / "docs" / "icp_cost.svg", metadata={"Date": None})
 
