@@ -5,8 +5,8 @@
 Every measurement is a process of its own on one core; times are process CPU times, and ratios are
 between measurements of one process. Scans are simulated (`icpshap.simulate`) and thinned to the
 size asked for; at most 5 % of their points lie within 1 m. Prints tables and, as its last line, a
-JSON object with the figures; writes docs/icp_cost.svg. Takes about half an hour; `--quick` makes
-everything small.
+JSON object with the figures; writes docs/icp_cost.svg. Takes about a quarter of an hour; `--quick`
+makes everything small.
 """
 
 import argparse
@@ -285,7 +285,8 @@ def compare(scale, runs):
             )
         )
     table(
-        f"CPU seconds a run of {ITERATIONS} iterations, {runs} runs, index included",
+        f"CPU seconds a run of {ITERATIONS} iterations, index included; {runs} runs, "
+        f"of them {OTHERS_RUNS['open3d']} by Open3D and {OTHERS_RUNS['small_gicp']} by small_gicp",
         (
             "case",
             "icpshap",

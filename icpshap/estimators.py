@@ -215,7 +215,8 @@ def _batches(starts, size):
             yield batch
             batch = []
         batch.append(start)
-    yield batch
+    if batch:
+        yield batch
 
 
 def _runs_frame(pair, start, runs, noise_draw, result, part):

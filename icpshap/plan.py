@@ -47,7 +47,7 @@ def instances(levels):
 
 
 def jobs(levels, replicates, runs, runs_per_job):
-    """The settings of a pair cut into jobs of about `runs_per_job` ICP runs.
+    """The settings of a pair cut into jobs of at most `runs_per_job` ICP runs.
 
     Settings with the same sensor noise share the perturbed reference and its search index, so they
     stay together where they fit, and are cut evenly where they do not.

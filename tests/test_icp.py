@@ -3,9 +3,11 @@
 import logging
 import tracemalloc
 
+import numba
 import numpy as np
 import plain_icp
 import pytest
+import threadpoolctl
 
 from icpshap import icp, se3
 
@@ -96,13 +98,29 @@ def test_a_run_does_not_depend_on_the_others(pair, chain, monkeypatch):
     assert len(np.unique(together[0], axis=0)) == 12
     backwards = register(np.arange(12)[::-1], shared)
     alone = [register(np.array([run])) for run in (0, 5, 11)]
-    monkeypatch.setattr("icpshap.icp.registration.BATCH_LINKS", 40_000)
+    monkeypatch.setattr("icpshap.icp.registration.BATCH_BYTES", 150_000)
     in_small_batches = register(np.arange(12))
     for k in range(2):
         assert together[k].tobytes() == backwards[k][::-1].tobytes()
         assert together[k].tobytes() == in_small_batches[k].tobytes()
         for run, result in zip((0, 5, 11), alone, strict=True):
             assert together[k][run].tobytes() == result[k][0].tobytes()
+
+
+@pytest.mark.parametrize("chain", [PLANES, POINTS], ids=["planes", "points"])
+def test_the_number_of_threads_changes_no_byte(pair, chain):
+    reference, source = pair
+    arguments = (source, subsets(12, len(source), 0.9, 6), poses(12, 7), chain)
+    found = set()
+    threads_before = numba.get_num_threads()
+    for threads in (1, 2):
+        numba.set_num_threads(min(threads, threads_before))
+        with threadpoolctl.threadpool_limits(threads):
+            found.add(
+                icp.register(icp.Reference(reference), *arguments).T_reference_source.tobytes()
+            )
+    numba.set_num_threads(threads_before)
+    assert len(found) == 1
 
 
 def test_runs_may_share_their_rows(pair):
@@ -123,7 +141,7 @@ def test_memory_does_not_grow_with_the_number_of_runs(pair, monkeypatch):
     reference, source = pair
     shared = icp.Reference(reference)
     chain = icp.Chain(stopping=icp.Stopping(maximum_iterations=1))
-    monkeypatch.setattr("icpshap.icp.registration.BATCH_LINKS", 3 * len(source))
+    monkeypatch.setattr("icpshap.icp.registration.BATCH_BYTES", 1)
     peaks = []
     for runs in (20, 20, 220):  # the first call makes what the reference keeps
         rows, T_initial = [np.arange(len(source)) for _ in range(runs)], poses(runs, 7)
@@ -229,9 +247,17 @@ def test_runs_that_cannot_be_used_are_refused(pair):
         icp.register(reference, source, [[0], [1]], T, PLANES)
     with pytest.raises(ValueError, match="run 0 is not a rigid transformation"):
         icp.register(reference, source, [[0]], T * 2.0, PLANES)
-    for rows in ([3, 1], [1, 1], [0, 6000], [-1, 2]):
-        with pytest.raises(ValueError, match="rows of run 0: expected ascending row numbers"):
+    for rows in ([3, 1], [1, 1], [0, 6000], [-1, 2], [0.0, 1.0], [True, True], [[0], [1]]):
+        with pytest.raises(ValueError, match="rows of run 0: expected ascending whole row numbers"):
             icp.register(reference, source, [rows], T, PLANES)
+    with pytest.raises(ValueError, match=r"reference cloud: a coordinate of 3e\+160 m.*Hint:"):
+        icp.Reference(3e160 * pair[0] / np.abs(pair[0]).max())
+
+
+def test_a_run_without_points_has_too_few_links(pair):
+    for rows in ([], np.array([]), np.array([], dtype=np.int32)):
+        result = icp.register(icp.Reference(pair[0]), pair[1], [rows], np.eye(4)[None], PLANES)
+        assert list(result.status) == ["too_few_links"]
 
 
 def test_chains_that_cannot_be_built_are_refused():

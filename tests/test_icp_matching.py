@@ -7,6 +7,7 @@ from conftest import folder_in
 
 from icpshap import dataset, icp
 from icpshap.icp import kdtree
+from icpshap.icp.candidates import HEADER, LEVELS, WORTH_SPLITTING
 from icpshap.icp.matching import match, work_arrays
 from icpshap.icp.network import LANES, nearest_three
 
@@ -45,6 +46,14 @@ def queries_for(reference, rng):
     )
 
 
+def divide_soon(lists):
+    """As if so much had been scanned in every cube that the next query divides it."""
+    record = 0
+    while record < lists.used[1]:
+        lists.records[record + 1] = WORTH_SPLITTING - 1
+        record += HEADER + lists.records[record]
+
+
 def engine_matches(reference, queries, matches, limit=np.inf, room=None):
     """(squared distances, original indices), each (n, matches), by the engine.
 
@@ -61,8 +70,9 @@ def engine_matches(reference, queries, matches, limit=np.inf, room=None):
     found = np.empty(count * matches, dtype=np.int32)
     distance = np.empty(count * matches)
     stack = np.empty(kdtree.STACK, dtype=np.int32)
-    for _ in range(15):  # again and again, so that the lists are divided down to the finest cubes
+    for _ in range(LEVELS):
         match(tree, lists, matches, limit, count, work, found, distance, stack)
+        divide_soon(lists)
     index = np.where(found >= 0, tree.index[found], -1)
     return distance.reshape(-1, matches), index.reshape(-1, matches), queries, reference
 
@@ -123,6 +133,21 @@ def test_nearly_equal_distances_are_told_apart():
     assert np.ptp(expected_distance) < 1e-14
     np.testing.assert_array_equal(distance, expected_distance)
     np.testing.assert_array_equal(index, expected_index)
+
+
+def test_lists_are_divided_down_to_the_finest_cubes():
+    rng = np.random.default_rng(4)
+    cloud = np.vstack([rng.normal(size=(3000, 3)), 1e-4 * rng.normal(size=(1000, 3))])
+    points = cloud[-1000:] + 1e-5 * rng.normal(size=(1000, 3))
+    distance, index, queries, reference = engine_matches(cloud, points, 3)
+    expected_distance, expected_index = brute_force(cloud - reference.mean, queries, 3)
+    np.testing.assert_array_equal(distance, expected_distance)
+    np.testing.assert_array_equal(index, expected_index)
+    lists = reference.lists(3)
+    cells, sizes = np.arange(np.prod(lists.shape)), 1
+    while len(children := lists.cells[cells][lists.cells[cells] > 0]):
+        cells, sizes = (children[:, None] + np.arange(8)).ravel(), sizes + 1
+    assert sizes == LEVELS
 
 
 @pytest.mark.parametrize("room", [100, 5000, 20_000, 100_000])

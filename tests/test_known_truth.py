@@ -59,6 +59,6 @@ def test_intervals_of_the_workflow_hold_the_truth_at_the_nominal_rate(tmp_path):
     truth = shapley.shapley_values(true_game())
     low, high = (table[[f"{phi}_{end}" for phi in PHI]].to_numpy() for end in ("low", "high"))
     inside = (low <= truth) & (truth <= high)
-    assert 54 <= np.count_nonzero(inside) < inside.size  # a binomial's 0.4 % quantile at 0.95
+    assert 54 <= np.count_nonzero(inside) < inside.size  # 0.95 of them are 60
     assert (tmp_path / "results" / "known" / "figures" / "summary.png").is_file()
     assert (tmp_path / "results" / "report.html").is_file()

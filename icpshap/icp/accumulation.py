@@ -24,7 +24,7 @@ from icpshap.icp.minimisers import write_features
 from icpshap.icp.products import FEATURES, ROW, add_products
 from icpshap.icp.trimming import ROOM, SAMPLE, predicted_bands, sampled_bands, select
 
-REPEATED = 64  # runs repeated together with a band that holds all of their links
+REPEATED_LINKS = 5_000_000  # of runs repeated together with a band that holds all their links
 QUERIES = 32_768  # about that many are matched together: their arrays stay in the cache
 BLOCK = 256  # source points that are matched together at least
 PART = 256  # links whose features are written before their products: they stay in the cache
@@ -74,6 +74,11 @@ def make_batch(points, positions):
     edges = np.minimum(np.arange(0, len(points) + BLOCK, BLOCK), len(points)).astype(np.int32)
     block_start = once_each(lambda run: first[id(run)] + np.searchsorted(run, edges), positions)
     return Batch(points, np.concatenate(distinct), np.array(block_start))
+
+
+def band_room(links):
+    """How many links a band has room for, of runs with so many links (R,)."""
+    return np.where(links > 2 * SAMPLE, (links * ROOM).astype(np.int64), links)
 
 
 def make_band(room):
@@ -223,10 +228,7 @@ class KeptLinks:
         self.batch = make_batch(points, positions)
         self.possible = chain.matches * np.array([len(run) for run in positions])
         runs = len(positions)
-        room = np.where(
-            self.possible > 2 * SAMPLE, (self.possible * ROOM).astype(np.int64), self.possible
-        )
-        self.band = make_band(room)
+        self.band = make_band(band_room(self.possible))
         self.threshold = np.full(runs, np.nan)
         self.previous = np.full(runs, np.nan)
         self.sums = Sums(
@@ -249,8 +251,9 @@ class KeptLinks:
         self._sum(active, T, self.batch, self.band)
         self._settle(active, T, self.batch, self.band)
         failed = active[np.isnan(self.threshold[active])]
-        for first in range(0, len(failed), REPEATED):
-            repeated = failed[first : first + REPEATED]
+        part = np.cumsum(self.possible[failed]) // REPEATED_LINKS
+        for number in np.unique(part):
+            repeated = failed[part == number]
             room = np.zeros_like(self.possible)
             room[repeated] = self.possible[repeated]
             band = make_band(room)

@@ -25,7 +25,8 @@ from icpshap.icp import kdtree
 from icpshap.icp.compiled import jit, prefetch
 from icpshap.icp.network import LONGEST
 
-UNFILLED = -1
+UNFILLED = 0
+LARGEST_INDEX = 2**31 - 1
 SIDE = 12.0  # of the coarsest cubes, in median distances to the sixth neighbour
 COARSEST_CUBES = 2**22  # at most about this many; larger cubes where space is mostly empty
 LEVELS = 9  # sizes of cubes, each half the one above
@@ -42,7 +43,8 @@ class Lists(NamedTuple):
     origin: np.ndarray  # (3,) lower corner of the cubed box [m]
     shape: np.ndarray  # (3,) int64 number of coarsest cubes along each axis
     side: np.ndarray  # (1,) side of the coarsest cubes [m]
-    cells: np.ndarray  # int32: coarsest cubes, then 8 children each; UNFILLED, first child or list
+    # int32: coarsest cubes, then 8 children each; UNFILLED, first child or -1 - record of the list
+    cells: np.ndarray
     parent: np.ndarray  # int32: list of the cube that each 8 children divide
     records: np.ndarray  # int32: the lists, HEADER and positions in tree order
     coarse: np.ndarray  # (n, 4) float32 points in tree order
@@ -64,14 +66,14 @@ def empty_lists(tree):
     side = max(SIDE * spacing, np.cbrt(np.prod(extent) / COARSEST_CUBES))
     shape = np.ceil(extent / side).astype(np.int64)
     coarsest = int(np.prod(shape))
-    cells = np.full(coarsest + 8 * (8000 + 16 * n), UNFILLED, dtype=np.int32)
+    cells = np.zeros(min(coarsest + 8 * (8000 + 16 * n), LARGEST_INDEX), dtype=np.int32)
     return Lists(
         origin=low - margin,
         shape=shape,
         side=np.array([side]),
         cells=cells,
         parent=np.empty((len(cells) - coarsest) // 8, dtype=np.int32),
-        records=np.empty(1_000_000 + 300 * n, dtype=np.int32),
+        records=np.empty(min(1_000_000 + 300 * n, LARGEST_INDEX), dtype=np.int32),
         coarse=tree.points.astype(np.float32),
         largest=float(np.abs([low - margin, low - margin + shape * side]).max()),
         used=np.array([coarsest, 0]),
@@ -146,7 +148,7 @@ def divide(lists, record):
     The record stays readable.
     """
     cells, used, cell = lists.cells, lists.used, lists.records[record + 3]
-    if cell < 0 or used[0] + 8 > cells.shape[0]:
+    if cell < 0 or cells[cell] > 0 or used[0] + 8 > cells.shape[0]:
         return np.int64(-1)
     children = used[0]
     used[0] += 8
@@ -193,10 +195,10 @@ def _fill_on_the_way(tree, lists, matches, ix, iy, iz, best, best_distance, stac
                 record = _fill(
                     tree, lists, matches, named, cx, cy, cz, half, inherited, best, best_distance
                 )
-            entry = -2 - record
+            entry = -1 - record
             cells[cell] = entry
         if entry < 0:
-            record = -2 - entry
+            record = -1 - entry
             if records[record] <= LONGEST:
                 return record
             entry = divide(lists, record)
@@ -255,14 +257,14 @@ def locate(tree, lists, matches, x, y, z, count, where):
             deeper = False
             for j in range(size):
                 entry = cells[cell[j]]
-                divided = entry >= 0
+                divided = entry > 0
                 child = np.uint64(entry + ((turns[j] >> (3 * level)) & 7))
                 cell[j] = child if divided else cell[j]
                 deeper |= divided
             if not deeper:
                 break
         for j in range(size):
-            record = np.int64(-2 - cells[cell[j]])
+            record = np.int64(-1 - cells[cell[j]])
             if not inside[j]:
                 record = np.int64(-1)
             elif record < 0:

@@ -56,4 +56,4 @@ def announce_compilation(kernel):
     """Log once that `kernel` is about to be compiled, unless the cache holds it already."""
     pattern = f"*.{kernel.py_func.__name__}-*.nbi"
     if not any(Path(kernel.stats.cache_path).glob(pattern)):
-        log.info("Compiling the ICP engine, once on this machine (about half a minute).")
+        log.info("Compiling the ICP engine, once on this machine (about 15 seconds).")

@@ -1,7 +1,8 @@
-"""Matching: the k nearest reference points of a block of queries.
+"""Matching: the k nearest reference points of many neighbouring queries.
 
-Idea: the queries of a block, all runs together, are sorted by candidate list, in linear time. Each
-list is then read once for all the queries in its cube, sixteen queries at a time (`network`).
+Idea: the queries of a neighbourhood, all runs together, are sorted by candidate list, in linear
+time. Each list is then read once for all the queries in its cube, sixteen queries at a time
+(`network`).
 
 Exactness: the network orders candidates in single precision and tells for which queries it is
 sure of the order; the others are repeated with full distances, equal ones by lowest index. All
@@ -26,7 +27,7 @@ LINKS_AHEAD = 24  # links before a point is read, it is asked for
 
 
 class Work(NamedTuple):
-    """Arrays for the queries of one block."""
+    """Arrays for queries that are matched together."""
 
     x: np.ndarray  # (n,) queries [m]
     y: np.ndarray
@@ -39,7 +40,7 @@ class Work(NamedTuple):
 
 
 def work_arrays(queries):
-    """Work for blocks of up to that many queries."""
+    """Work for up to that many queries."""
     coordinates = [np.empty(queries) for _ in range(3)]
     where, group_list, group_end = (np.empty(queries, dtype=np.int32) for _ in range(3))
     # The lanes behind the last query of a group are computed and ignored: they must exist.
@@ -132,7 +133,7 @@ def match(tree, lists, matches, limit, count, work, found, distance, stack):
             scanned = records[record + 1] + length * (end - begin)
             if records[record + 1] < WORTH_SPLITTING <= scanned:
                 divide(lists, record)
-            records[record + 1] = scanned
+            records[record + 1] = min(scanned, WORTH_SPLITTING)
         while begin < end:
             if length > LONGEST:
                 undecided = np.uint64(2**LANES - 1)

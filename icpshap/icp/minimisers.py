@@ -10,8 +10,9 @@ to `write_features`.
     point to point   [p, p - q, 1]              Gram = the moments that Kabsch's method needs
 
 Exactness: the features are those of the textbook formulas, in float64, about the centre of the
-reference, where the products are small: q.n and p.n round at some 1e-15 m, far below any pose's
-accuracy. Kabsch's method gets p - q, not q, so that the sum of squares does not cancel.
+reference, where the products are small: q.n and p.n round at some 1e-16 of the distance from it,
+far below any pose's accuracy. Kabsch's method gets p - q, not q, so that the sum of squares does
+not cancel.
 """
 
 from dataclasses import dataclass

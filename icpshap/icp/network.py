@@ -79,10 +79,10 @@ def _network(rows):
                 query.append(builder.shuffle_vector(narrow, unused, ir.Constant(integers, column)))
 
             # A key above all others, yet a finite number.
-            largest = np.float32(np.finfo(np.float32).max).view(np.int32)
+            unset = np.float32(np.finfo(np.float32).max).view(np.int32)
             smallest = [cgutils.alloca_once(builder, integers) for _ in range(rows)]
             for row in smallest:
-                builder.store(constant(int(largest)), row)
+                builder.store(constant(int(unset)), row)
             with cgutils.for_range(builder, arguments[3]) as loop:
                 entry = builder.gep(data(1), [builder.add(arguments[2], loop.index)])
                 candidate = builder.sext(builder.load(entry), long)

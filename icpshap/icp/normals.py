@@ -3,7 +3,9 @@
 The eigenvector of the smallest eigenvalue of the neighbours' scatter matrix, by Jacobi rotations,
 which are accurate to the last bits for matrices this small. The sign is arbitrary and does not
 matter to point-to-plane ICP. Points are visited in tree order: the neighbour distances of one
-bound the search of the next. Measured: 1.7 us a point with 7 neighbours.
+bound the search of the next.
+
+Measured: docs/engine.md.
 """
 
 import math

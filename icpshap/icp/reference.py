@@ -13,6 +13,8 @@ from icpshap.icp.candidates import empty_lists, forget, nearly_full
 from icpshap.icp.compiled import announce_compilation
 from icpshap.icp.normals import planes
 
+LARGEST_COORDINATE = 1e30  # m; the squares of products still fit
+
 
 def minimum_range(points, minimum):
     """Mask (n,) of the points (n, 3) farther than `minimum` [m] from their frame's origin."""
@@ -20,7 +22,10 @@ def minimum_range(points, minimum):
 
 
 def checked_points(points, what):
-    """`points` as a float64 array (n, 3), n >= 1. Raises ValueError if it is not, or not finite."""
+    """`points` as a float64 array (n, 3), n >= 1.
+
+    Raises ValueError if it is not, or not finite, or so large that its squares overflow.
+    """
     points = np.ascontiguousarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
         raise ValueError(f"{what}: expected points of shape (n, 3), n >= 1; got {points.shape}.")
@@ -29,6 +34,12 @@ def checked_points(points, what):
         raise ValueError(
             f"{what}: {np.count_nonzero(~finite)} of {len(points)} points are not finite, the "
             f"first in row {np.argmin(finite)}. Hint: drop these rows before registration."
+        )
+    farthest = np.abs(points).max()
+    if farthest > LARGEST_COORDINATE:
+        raise ValueError(
+            f"{what}: a coordinate of {farthest:.3g} m, expected at most {LARGEST_COORDINATE:.0e}. "
+            "Hint: is the file read with the right columns and units?"
         )
     return points
 

@@ -14,12 +14,20 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from icpshap.icp import kdtree
-from icpshap.icp.accumulation import BLOCK, QUERIES, KeptLinks, accumulate, once_each
+from icpshap.icp.accumulation import (
+    BAND_LINK,
+    BLOCK,
+    QUERIES,
+    KeptLinks,
+    accumulate,
+    band_room,
+    once_each,
+)
 from icpshap.icp.compiled import announce_compilation
 from icpshap.icp.reference import checked_points
 
 STATUS = ("ok", "max_iterations", "too_few_links", "degenerate")
-BATCH_LINKS = 100_000_000  # of all runs of a batch: positions and band stay below 400 MB
+BATCH_BYTES = 400_000_000  # of the positions and bands of the runs of a batch
 
 
 @dataclass(frozen=True)
@@ -64,7 +72,7 @@ def register(reference, source, rows, T_initial, chain):
         rmse=np.full(len(rows), np.nan),
         inlier_ratio=np.zeros(len(rows)),
     )
-    for batch in _batches([len(run) for run in rows], len(source), chain.matches):
+    for batch in _batches(np.array([len(run) for run in rows]), len(source), chain.matches):
         positions = once_each(lambda run: np.sort(position[run]), rows[batch])
         _register_batch(reference, source, positions, chain, batch, result)
     return result
@@ -83,14 +91,17 @@ def _checked_runs(rows, T_initial, source_points):
         raise ValueError(f"T_initial of run {np.argmin(rigid)} is not a rigid transformation.")
 
     def ascending(run):
+        if run.dtype.kind not in "iu" or run.ndim != 1:
+            return False
         inside = len(run) == 0 or (run[0] >= 0 and run[-1] < source_points)
         return inside and (run[1:] > run[:-1]).all()
 
-    rows = once_each(np.asarray, list(rows))
+    # A list without rows has no type of its own.
+    rows = once_each(lambda run: np.asarray(run, int if len(run) == 0 else None), list(rows))
     usable = once_each(ascending, rows)
     if not all(usable):
         raise ValueError(
-            f"rows of run {usable.index(False)}: expected ascending row numbers below "
+            f"rows of run {usable.index(False)}: expected ascending whole row numbers below "
             f"{source_points}."
         )
     return rows, T_initial
@@ -98,9 +109,10 @@ def _checked_runs(rows, T_initial, source_points):
 
 def _batches(lengths, source_points, matches):
     """Slices of runs, of that many points each, that fit into memory and cache together."""
+    memory = 4 * lengths + BAND_LINK.itemsize * band_room(matches * lengths)
+    share = np.maximum(memory / BATCH_BYTES, lengths * BLOCK / (source_points * QUERIES))
     first, size = 0, 0.0
-    for run, points in enumerate(lengths):
-        needed = points * max(matches / BATCH_LINKS, BLOCK / (source_points * QUERIES))
+    for run, needed in enumerate(share):
         if run > first and size + needed > 1.0:
             yield slice(first, run)
             first, size = run, 0.0
