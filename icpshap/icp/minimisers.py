@@ -13,6 +13,8 @@ Exactness: the features are those of the textbook formulas, in float64, about th
 reference, where the products are small: q.n and p.n round at some 1e-16 of the distance from it,
 far below any pose's accuracy. Kabsch's method gets p - q, not q, so that the sum of squares does
 not cancel.
+
+Measured: docs/engine.md.
 """
 
 from dataclasses import dataclass

@@ -17,6 +17,8 @@ a < b - (2^-15 + 12 u) b - 4 e sqrt(b). The test takes 2^-14 for the first facto
 4 e, which leaves room for its own rounding. M >= 1e-3 keeps what it accepts far from underflow,
 M <= 1e15 from overflow. A query that fails the test between any two of its k + 1 smallest keys is
 reported, and `matching` repeats it with full distances.
+
+Measured: docs/engine.md.
 """
 
 import itertools

@@ -1,9 +1,11 @@
 """Normals: the direction in which a point's nearest neighbours vary least.
 
-The eigenvector of the smallest eigenvalue of the neighbours' scatter matrix, by Jacobi rotations,
+Idea: the eigenvector of the smallest eigenvalue of the neighbours' scatter matrix. Points are
+visited in tree order: the neighbour distances of one bound the search of the next.
+
+Exactness: the neighbours are those of the k-d tree; the eigenvector comes by Jacobi rotations,
 which are accurate to the last bits for matrices this small. The sign is arbitrary and does not
-matter to point-to-plane ICP. Points are visited in tree order: the neighbour distances of one
-bound the search of the next.
+matter to point-to-plane ICP.
 
 Measured: docs/engine.md.
 """

@@ -6,6 +6,8 @@ loads from memory; a run that has stopped leaves the batch. Batches are as large
 Exactness: a run's sums depend on nothing but its own points, pose and past (see the modules that
 make them), and the steps are computed matrix by matrix; so neither the other runs of a batch, nor
 their order, nor how many fit into memory can change a bit of the result.
+
+Measured: docs/engine.md.
 """
 
 from dataclasses import dataclass
