@@ -285,8 +285,8 @@ def compare(scale, runs):
             )
         )
     table(
-        f"CPU seconds a run of {ITERATIONS} iterations, index included; {runs} runs, "
-        f"of them {OTHERS_RUNS['open3d']} by Open3D and {OTHERS_RUNS['small_gicp']} by small_gicp",
+        f"CPU seconds a run of {ITERATIONS} iterations, index included; {runs} runs of icpshap, at "
+        f"most {OTHERS_RUNS['open3d']} of Open3D, {OTHERS_RUNS['small_gicp']} of small_gicp",
         (
             "case",
             "icpshap",
