@@ -19,10 +19,11 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from icpshap import divergence, shapley
-from icpshap.explanation import quantities, quantity_names
-from icpshap.intervals import CONFIDENCE
-from icpshap.uncertainty import Method, Sample, estimate
+from icpshap.explanation import readings as divergence
+from icpshap.explanation import shapley
+from icpshap.explanation.games import quantities, quantity_names
+from icpshap.explanation.intervals import CONFIDENCE
+from icpshap.explanation.uncertainty import Method, Sample, estimate
 
 RUNS = 100
 WRONG_BASINS = ("none", "keep", "leave_out")

@@ -38,7 +38,8 @@ ITERATIONS, DISTANCE = 30, 1.0
 
 def simulated_pair(scene, points):
     """(reference, source, T_reference_source) with that many points a scan."""
-    from icpshap import se3, simulate
+    from icpshap import se3
+    from icpshap.data import simulate
 
     # The laser's own resolution for that many points: the scanner's, then thinned.
     beams = max(1.0, points * BEAMS_PER_POINT[scene] / np.prod(simulate.FULL_RESOLUTION))
@@ -86,7 +87,7 @@ def warm_up(icp):
 def against_others(scene, points, planes, runs):
     """Seconds a run on full clouds: ours with everything included, Open3D, small_gicp."""
     from icpshap import icp
-    from icpshap.open3d_loader import load_open3d
+    from icpshap.data.open3d_loader import load_open3d
 
     open3d = load_open3d()
     import small_gicp
@@ -138,7 +139,8 @@ def against_others(scene, points, planes, runs):
 
 def write_tables(folder, scene, points):
     """The tables a registration job reads."""
-    from icpshap import perturbation, tables
+    from icpshap import tables
+    from icpshap.estimators import perturb as perturbation
 
     reference, source, T = simulated_pair(scene, points)
     for name, cloud in (("reference", reference), ("source", source)):
@@ -175,14 +177,16 @@ def planned(kind, number=None):
 def paper():
     import yaml
 
-    from icpshap import settings
+    from icpshap import config as settings
 
     return settings.load(yaml.safe_load((REPOSITORY / "config.yaml").read_text()))
 
 
 def job(folder, kind, number=None):
     """A registration job as the workflow runs it: all CPU time, and that of the ICP iterations."""
-    from icpshap import estimators, perturbation, tables
+    from icpshap import tables
+    from icpshap.estimators import monte_carlo as estimators
+    from icpshap.estimators import perturb as perturbation
     from icpshap.icp import registration
 
     iterating = []

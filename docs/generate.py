@@ -14,10 +14,11 @@ import matplotlib.pyplot as plt
 import yaml
 from matplotlib.patches import Rectangle
 
-from icpshap import settings, shapley
-from icpshap.figures import style
-from icpshap.settings import EXPERIMENT_KEYS
-from icpshap.sources import SOURCES
+from icpshap import config as settings
+from icpshap.causes import SOURCES
+from icpshap.config import EXPERIMENT_KEYS
+from icpshap.explanation import shapley
+from icpshap.report.figures import style
 from icpshap.tables import TABLES
 
 DOCS = Path(__file__).parent

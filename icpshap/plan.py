@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import groupby, pairwise, product
 from math import ceil
 
-from icpshap.sources import SOURCES
+from icpshap.causes import SOURCES
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from icpshap.causes import NAMES, SOURCES
 from icpshap.errors import UserError
-from icpshap.sources import NAMES, SOURCES
 
 INITIAL_XI = [f"initial_xi_{k}" for k in range(6)]
 XI = [f"xi_{k}" for k in range(6)]

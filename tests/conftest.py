@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
-from icpshap import perturbation, se3, settings
+from icpshap import config as settings
+from icpshap import se3
+from icpshap.estimators import perturb as perturbation
 
 REPOSITORY = Path(__file__).parent.parent
 # Tests, and the workflows that they run, compile the ICP engine once.

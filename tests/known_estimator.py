@@ -8,7 +8,7 @@ import pandas as pd
 from known_runs import pose_errors
 
 from icpshap import se3
-from icpshap.sources import NAMES
+from icpshap.causes import NAMES
 from icpshap.tables import INITIAL_XI, TRANSFORM, XI
 
 

@@ -3,8 +3,10 @@
 import numpy as np
 import pandas as pd
 
-from icpshap import captions, plan, shapley, tables
-from icpshap.sources import NAMES, SOURCES
+from icpshap import plan, tables
+from icpshap.causes import NAMES, SOURCES
+from icpshap.explanation import shapley
+from icpshap.report import captions
 from icpshap.tables import INITIAL_XI, XI
 
 LEVELS = {

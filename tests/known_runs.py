@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pandas as pd
 
-from icpshap import divergence
+from icpshap.explanation import readings as divergence
 from icpshap.tables import INITIAL_XI, XI
 
 SOURCES = {"sensor_noise": 0.0, "initial_pose": 1.0, "partial_overlap": 0.0}

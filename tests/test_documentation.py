@@ -16,7 +16,9 @@ from conftest import PAPER_CONFIG, REPOSITORY
 from snakemake.cli import get_argument_parser
 
 from docs import generate
-from icpshap import divergence, settings, tables
+from icpshap import config as settings
+from icpshap import tables
+from icpshap.explanation import readings as divergence
 
 DOCS = REPOSITORY / "docs"
 PAGES = [REPOSITORY / "README.md", *sorted(DOCS.glob("*.md"))]
@@ -203,9 +205,10 @@ EXTENDING = DOCS / "extending.md"
 
 CHECK = """
 import numpy as np, yaml
-from icpshap import estimators, perturbation, plan, settings, tables
-from icpshap.figures.style import COLOURS
-from icpshap.sources import NAMES, SOURCES
+from icpshap import config as settings, plan, tables
+from icpshap.estimators import monte_carlo as estimators, perturb as perturbation
+from icpshap.report.figures.style import COLOURS
+from icpshap.causes import NAMES, SOURCES
 
 config = yaml.safe_load(open("config.yaml"))
 for experiment in config["experiments"].values():

@@ -153,7 +153,11 @@ class TestWhatRunsAgain:
         assert self.planned(edited)["run_icp"] > 3
 
     def test_editing_a_figure_plans_figures_alone(self, edited):
-        change(edited.code / "icpshap/figures/style.py", "import ", "import json  # noqa\nimport ")
+        change(
+            edited.code / "icpshap/report/figures/style.py",
+            "import ",
+            "import json  # noqa\nimport ",
+        )
         planned = self.planned(edited)
         assert planned["draw_figure"] > 3
         assert not {"run_icp", "explain_sequence", "measure_overlap"} & set(planned)

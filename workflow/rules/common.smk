@@ -4,9 +4,11 @@ import csv
 import time
 from dataclasses import asdict
 
-from icpshap import citation, plan, provenance, record, settings
-from icpshap.dataset import DataError, find_folder_files
-from icpshap.sources import NAMES
+from icpshap import config as settings, plan
+from icpshap.data import citation
+from icpshap.jobs import digests as provenance, provenance as record
+from icpshap.data.scans import DataError, find_folder_files
+from icpshap.causes import NAMES
 
 try:
     SETTINGS = settings.load(config)

@@ -3,7 +3,7 @@
 import sys
 from types import SimpleNamespace
 
-from icpshap import progress
+from icpshap.jobs import progress
 
 
 def settings_and_runs(wildcards):

@@ -102,7 +102,7 @@ rule report:
             f"results/comparison/paper.{kind}" for kind in ("csv", "svg") if compared_sections()
         ],
         provenance="results/provenance.yaml",
-        template=f"{workflow.basedir}/icpshap/report.html",
+        template=f"{workflow.basedir}/icpshap/report/page.html",
     output:
         page=report(
             "results/report.html",

@@ -2,9 +2,10 @@
 
 import pandas as pd
 
-from icpshap import checks, tables
-from icpshap.logs import job_log
-from icpshap.pairs import read_pair
+from icpshap import tables
+from icpshap.data import checks
+from icpshap.data.pair import read_pair
+from icpshap.jobs.logs import job_log
 
 
 def check_pair(paths, output, sequence, indices, **limits):

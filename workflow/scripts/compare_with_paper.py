@@ -4,10 +4,11 @@ from pathlib import Path
 
 import pandas as pd
 
-from icpshap import comparison, tables
-from icpshap.captions import Study
-from icpshap.figures.style import save
-from icpshap.logs import job_log
+from icpshap import tables
+from icpshap.jobs.logs import job_log
+from icpshap.report import comparison
+from icpshap.report.captions import Study
+from icpshap.report.figures.style import save
 
 
 def compare_with_paper(paths, output, sections, titles):

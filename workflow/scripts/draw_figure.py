@@ -2,10 +2,11 @@
 
 from pathlib import Path
 
-from icpshap import figures, tables
-from icpshap.captions import Study
-from icpshap.figures.style import save
-from icpshap.logs import job_log
+from icpshap import tables
+from icpshap.jobs.logs import job_log
+from icpshap.report import figures
+from icpshap.report.captions import Study
+from icpshap.report.figures.style import save
 
 
 def draw_figure(path, output, name, study):

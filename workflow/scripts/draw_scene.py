@@ -4,11 +4,13 @@ from pathlib import Path
 
 import pandas as pd
 
-from icpshap import perturbation, scene, tables
-from icpshap.captions import Study
-from icpshap.figures.style import save
-from icpshap.logs import job_log
-from icpshap.pairs import read_pair
+from icpshap import tables
+from icpshap.data.pair import read_pair
+from icpshap.estimators import perturb as perturbation
+from icpshap.jobs.logs import job_log
+from icpshap.report.captions import Study
+from icpshap.report.figures import scene
+from icpshap.report.figures.style import save
 
 
 def draw_scene(paths, output, sequence, indices, values, seed, study):

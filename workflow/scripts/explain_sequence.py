@@ -2,9 +2,10 @@
 
 import pandas as pd
 
-from icpshap import explanation, plan, tables
-from icpshap.logs import job_log
-from icpshap.sources import NAMES, SOURCES
+from icpshap import plan, tables
+from icpshap.causes import NAMES, SOURCES
+from icpshap.explanation import games as explanation
+from icpshap.jobs.logs import job_log
 
 
 def explain_sequence(paths, output, sequence, levels, method, seed):

@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
-from icpshap import dataset, tables
-from icpshap.fetch import open_sequence
-from icpshap.logs import job_log
+from icpshap import tables
+from icpshap.data import scans as dataset
+from icpshap.data.archive import open_sequence
+from icpshap.jobs.logs import job_log
 
 
 def fetch_poses(archive, cache, output, scans, terminal):

@@ -3,9 +3,10 @@
 import logging
 from pathlib import Path
 
-from icpshap import dataset, tables
-from icpshap.fetch import open_sequence
-from icpshap.logs import job_log
+from icpshap import tables
+from icpshap.data import scans as dataset
+from icpshap.data.archive import open_sequence
+from icpshap.jobs.logs import job_log
 
 AS_ARCHIVED = (
     "the archive holds it so. Rows that are not finite are accepted with `drop_non_finite: true`;"

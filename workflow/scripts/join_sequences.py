@@ -3,7 +3,7 @@
 import pandas as pd
 
 from icpshap import tables
-from icpshap.logs import job_log
+from icpshap.jobs.logs import job_log
 
 
 def join_sequences(paths, output, table):

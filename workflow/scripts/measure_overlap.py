@@ -2,9 +2,10 @@
 
 import pandas as pd
 
-from icpshap import perturbation, tables
-from icpshap.logs import job_log
-from icpshap.pairs import relative_pose
+from icpshap import tables
+from icpshap.data.pair import relative_pose
+from icpshap.estimators import perturb as perturbation
+from icpshap.jobs.logs import job_log
 
 
 def measure_overlap(reference, source, poses, output, indices, distance):

@@ -4,12 +4,13 @@ from pathlib import Path
 
 import pandas as pd
 
-from icpshap import median_table as layout
-from icpshap import ranking, tables
-from icpshap.captions import Study
-from icpshap.comparison import is_comparable
-from icpshap.logs import job_log
-from icpshap.sources import NAMES
+from icpshap import tables
+from icpshap.causes import NAMES
+from icpshap.explanation import ranking
+from icpshap.jobs.logs import job_log
+from icpshap.report import tables as layout
+from icpshap.report.captions import Study
+from icpshap.report.comparison import is_comparable
 
 
 def median_table(paths, output, study, seed):

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import yaml
 
-from icpshap import record
-from icpshap.logs import job_log
+from icpshap.jobs import provenance as record
+from icpshap.jobs.logs import job_log
 
 
 def provenance(output, config, sequences, root):

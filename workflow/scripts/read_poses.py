@@ -1,7 +1,8 @@
 """Read the poses of a folder."""
 
-from icpshap import dataset, tables
-from icpshap.logs import job_log
+from icpshap import tables
+from icpshap.data import scans as dataset
+from icpshap.jobs.logs import job_log
 
 
 def read_poses(path, output, scans):

@@ -2,8 +2,9 @@
 
 import logging
 
-from icpshap import dataset, tables
-from icpshap.logs import job_log
+from icpshap import tables
+from icpshap.data import scans as dataset
+from icpshap.jobs.logs import job_log
 
 
 def read_scan(path, output, drop_non_finite):

@@ -5,9 +5,11 @@ from pathlib import Path
 import pandas as pd
 import yaml
 
-from icpshap import comparison, report, tables
-from icpshap.captions import Study
-from icpshap.logs import job_log
+from icpshap import tables
+from icpshap.jobs.logs import job_log
+from icpshap.report import comparison
+from icpshap.report import page as report
+from icpshap.report.captions import Study
 
 
 def section(scope, study, figures, rankings):

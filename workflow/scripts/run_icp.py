@@ -1,8 +1,11 @@
 """Run ICP for a share of the settings of a pair."""
 
-from icpshap import estimators, perturbation, provenance, tables
-from icpshap.logs import job_log
-from icpshap.pairs import read_pair
+from icpshap import tables
+from icpshap.data.pair import read_pair
+from icpshap.estimators import monte_carlo as estimators
+from icpshap.estimators import perturb as perturbation
+from icpshap.jobs import digests as provenance
+from icpshap.jobs.logs import job_log
 from icpshap.parameters import Perturbation, Registration
 from icpshap.plan import Setting
 

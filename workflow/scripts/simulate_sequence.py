@@ -1,7 +1,8 @@
 """Simulate a scan of a built-in scene, or the poses of its scans."""
 
-from icpshap import simulate, tables
-from icpshap.logs import job_log
+from icpshap import tables
+from icpshap.data import simulate
+from icpshap.jobs.logs import job_log
 
 
 def simulate_sequence(part, output, scans, scene, beams, seed):

@@ -1,0 +1,1 @@
+"""Scans and poses: found, read, checked, simulated."""

@@ -1,0 +1,319 @@
+"""Scans and poses out of the data set's archives, remote or on disk, without the rest of them.
+
+The directory of a ZIP stands at its end, so single members are read out of a remote archive by
+Range requests. Members are found by the tails of their names, which are never used as paths.
+"""
+
+import contextlib
+import fcntl
+import hashlib
+import re
+import shutil
+import zipfile
+import zlib
+from pathlib import Path
+from typing import NamedTuple
+
+from icpshap.data.citation import DOI
+from icpshap.data.remote_file import RangeIgnoredError, RemoteFile, Window, amount, say
+from icpshap.data.scans import LEICA_NAME, LEICA_PLACES, MINIMUM_SCANS, DataError
+
+BY_HAND = (
+    f"download the archive from {DOI} in a browser and give this sequence\n"
+    "    `archive: {path: <the .zip>}` in place of its `url`, or extract it and give it\n"
+    "    `archive: null` and `folder: {path: <what holds csv_local/>}`"
+)
+ALTERNATIVES = (
+    f"Without this server:\n  - {BY_HAND}\n"
+    "  - or use simulated scans: snakemake -j2 --configfile config/demo.yaml"
+)
+
+MAXIMUM_MEMBER = 2**28  # bytes of a scan or a pose file (a scan has about 30 MB)
+MAXIMUM_NESTED = 2**34  # bytes of an archive within the archive
+CHUNK = 2**20  # bytes decompressed at a time
+
+SCAN_TAIL = re.compile(r"(?:^|/)csv_local/Hokuyo_(\d{1,6})\.csv$")
+POSES_TAIL = re.compile(rf"(?:^|/)(?:([^/]+)/)?{re.escape(LEICA_NAME)}$")
+
+
+@contextlib.contextmanager
+def open_sequence(archive, cache, scans, terminal=None):
+    """Open the archive of a sequence as the configuration describes it: an `Archive`.
+
+    ``archive``: mapping with ``url`` or ``path`` and, where known, ``bytes``, ``md5``, ``sha256``;
+    ``cache``, ``terminal``: see `open_archive`. One process at a time reads an archive, so that two
+    never download the same. Raises DataError, also unless it holds the scans 0 to ``scans`` - 1.
+    """
+    Path(cache).mkdir(parents=True, exist_ok=True)
+    checksums = {name: archive[name] for name in ("md5", "sha256") if name in archive}
+    source = archive.get("path") or archive["url"]
+    with open(Path(cache) / "lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with open_archive(source, cache, archive.get("bytes"), checksums, terminal) as members:
+            members.check_scans(scans)
+            yield members
+
+
+def open_archive(source, cache, expected_bytes=None, checksums=None, terminal=None):
+    """Open an archive of the data set: an `Archive`, for a ``with`` statement.
+
+    ``source`` is an https URL (http on this machine alone) or the path of a ZIP on disk. The folder
+    ``cache`` keeps what serves later runs: pieces of interrupted downloads, and archives that can
+    only be had whole. ``expected_bytes`` is checked before anything is read; ``checksums``
+    ({"md5": hex, "sha256": hex}) once for an archive at hand as a whole. ``terminal``: see
+    `Progress`. Raises DataError.
+    """
+    cache = Path(cache)
+    cache.mkdir(parents=True, exist_ok=True)
+    whole = cache / f"archive_{zlib.crc32(str(source).encode()):08x}.zip"
+    if "://" not in str(source):
+        file = _open_file(Path(source), expected_bytes)
+        _verify_once(Path(source), checksums or {}, cache)
+        return Archive(file, source, cache)
+    if not whole.is_file():
+        file = RemoteFile(str(source), ALTERNATIVES, expected_bytes, terminal)
+        try:
+            file.connect()
+            say(f"{source}: {amount(file.size)}, of which only what is needed is read")
+            return Archive(file, source, cache)
+        except RangeIgnoredError:
+            say(f"{source}: the server serves no ranges, so the whole archive is downloaded")
+            if expected_bytes:
+                _require_space(cache, expected_bytes)
+            file.download(whole, lambda path: verify_checksums(path, checksums or {}))
+            file.close()
+    return Archive(_open_file(whole, expected_bytes), source, cache)
+
+
+def _open_file(path, expected_bytes):
+    if not path.is_file():
+        raise DataError(f"{path}: no such archive.", f"correct `path`, or {BY_HAND}.")
+    size = path.stat().st_size
+    if expected_bytes not in (None, size):
+        raise DataError(
+            f"{path}: {size} bytes, but the configuration says `bytes: {expected_bytes}`.",
+            f"the file may be cut off or another one; {BY_HAND}.",
+        )
+    return path.open("rb")
+
+
+def verify_checksums(path, checksums):
+    """Raise DataError unless the file has the ``checksums`` {"md5": hex, "sha256": hex}."""
+    for name, expected in checksums.items():
+        with path.open("rb") as file:
+            found = hashlib.file_digest(file, name).hexdigest()
+        if found != expected:
+            raise DataError(
+                f"{path}: its {name} is {found}, but the configuration says {expected}.",
+                f"get it again; if it was replaced on purpose ({DOI}), correct `{name}`.",
+            )
+
+
+def _verify_once(path, checksums, cache):
+    """`verify_checksums`, unless this very file passed before: gigabytes take a while."""
+    state = path.stat()
+    known = repr((str(path.resolve()), state.st_size, state.st_mtime_ns, checksums))
+    passed = cache / f"verified_{zlib.crc32(known.encode()):08x}"
+    if not passed.exists():
+        verify_checksums(path, checksums)
+        passed.touch()
+
+
+class _Member(NamedTuple):
+    container: zipfile.ZipFile
+    info: zipfile.ZipInfo
+    remote: RemoteFile | None
+    start: int  # its bytes in the remote file
+    end: int
+
+
+class Archive:
+    """The scans and poses in one archive of the data set; `open_archive` makes it."""
+
+    def __init__(self, file, source, cache):
+        self._source, self._cache = source, cache
+        self._remote = file if isinstance(file, RemoteFile) else None
+        self._scans, self._poses = {}, {}
+        with contextlib.ExitStack() as files:
+            self._files = files
+            self._read_directory(file, file, 0, "")
+            self._require_members()
+            self._files = files.pop_all()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        if self._remote:
+            received, count = self._remote.received, self._remote.requests
+            say(f"{self._source}: {amount(received)} received in {count} requests")
+        self._files.close()
+
+    def check_scans(self, scans):
+        """Raise DataError unless the scans are 0 to ``scans`` - 1."""
+        missing = sorted(set(range(scans)) - set(self._scans))
+        found = len(self._scans)
+        if missing or found != scans:
+            example = f"; missing: {', '.join(map(str, missing[:5]))}" if missing else ""
+            if found < MINIMUM_SCANS or set(self._scans) != set(range(found)):
+                hint = (
+                    f"at least {MINIMUM_SCANS} scans, numbered from 0 without gaps, are needed; get"
+                    " the archive again, or extract it, number its scans and poses so, and set"
+                    " `archive: null` and `folder: {path: ...}`."
+                )
+            else:
+                hint = (
+                    f"change `scans: {scans}` to `scans: {found}` in this sequence's entry under"
+                    " `data`."
+                )
+            raise DataError(
+                f"{self._source}: {found} scans in the archive, but the configuration says"
+                f" `scans: {scans}` (numbered from 0 without gaps){example}.",
+                hint,
+            )
+
+    def extract_scan(self, index, destination):
+        """Write ``Hokuyo_<index>.csv`` to the path ``destination``. Raises DataError."""
+        if index not in self._scans:
+            raise DataError(
+                f"{self._source}: no scan {index} among the {len(self._scans)} in the archive.",
+                "correct `scans` or `pairs` in the configuration.",
+            )
+        self._extract(self._scans[index], destination, f"scan {index}", MAXIMUM_MEMBER)
+
+    def extract_poses(self, destination):
+        """Write ``pose_scanner_leica.csv`` to the path ``destination``. Raises DataError."""
+        places = [place for place in LEICA_PLACES if place in self._poses] or list(self._poses)
+        self._extract(self._poses[places[0]], destination, "poses", MAXIMUM_MEMBER)
+
+    def _require_members(self):
+        if not (self._scans and self._poses):
+            missing = f"pose file {LEICA_NAME}" if self._scans else "csv_local/Hokuyo_<i>.csv"
+            raise DataError(
+                f"{self._source}: no {missing} in the archive.",
+                "if its layout is new, extract it by hand and set `folder: {path: ...}`.",
+            )
+
+    def _read_directory(self, file, outermost, offset, prefix):
+        """Take in the scans and poses of the ZIP ``file``, at ``offset`` in the outermost file."""
+        self._files.callback(file.close)
+        try:
+            container = zipfile.ZipFile(file)
+        except (zipfile.BadZipFile, NotImplementedError, UnicodeDecodeError) as error:
+            raise DataError(
+                f"{self._source}: {f'{prefix!r} in it' if prefix else 'it'} is not a whole ZIP"
+                f" archive ({error}).",
+                f"the file may be cut off; {BY_HAND}.",
+            ) from None
+        members = sorted(container.infolist(), key=lambda info: info.header_offset)
+        ends = [*(info.header_offset for info in members), container.start_dir][1:]
+        remote = outermost if isinstance(outermost, RemoteFile) else None
+        scans, poses, nested = {}, {}, []
+        for info, end in zip(members, ends, strict=True):
+            member = _Member(container, info, remote, offset + info.header_offset, offset + end)
+            name = prefix + info.filename
+            if match := SCAN_TAIL.search(name):
+                self._add(scans, int(match[1]), member)
+            elif match := POSES_TAIL.search(name):
+                self._add(poses, match[1], member)
+            elif name.lower().endswith(".zip") and not prefix:
+                nested.append(member)
+        self._scans, self._poses = self._scans or scans, self._poses or poses
+        for member in sorted(nested, key=_cost):
+            if not (self._scans and self._poses):
+                self._read_nested(member, outermost)
+
+    def _add(self, members, key, member):
+        if key in members:
+            raise DataError(
+                f"{self._source}: {members[key].info.filename!r} and {member.info.filename!r} are"
+                " both in the archive.",
+                "extract the right one by hand and set `folder: {path: ...}`.",
+            )
+        members[key] = member
+
+    def _read_nested(self, member, outermost):
+        """Look into an archive within the archive: where it stands if stored, else unpacked."""
+        prefix = member.info.filename[: -len(".zip")] + "/"
+        if member.info.compress_type == zipfile.ZIP_STORED:
+            outermost.seek(member.start)
+            header = outermost.read(30)
+            # A member's bytes follow its header, its name and an extra field.
+            lengths = [int.from_bytes(header[at : at + 2], "little") for at in (26, 28)]
+            start = member.start + 30 + sum(lengths)
+            window = Window(outermost, start, member.info.file_size)
+            self._read_directory(window, outermost, start, prefix)
+            return
+        path = self._cache / f"nested_{member.info.CRC:08x}_{member.info.file_size}.zip"
+        if not path.is_file():
+            say(
+                f"{self._source}: {member.info.filename!r} is compressed as a whole, so all of it"
+                f" ({amount(member.info.compress_size)}) is fetched, once"
+            )
+            _require_space(self._cache, member.info.file_size + member.info.compress_size)
+            self._extract(member, path, "archive within the archive", MAXIMUM_NESTED)
+        file = path.open("rb")
+        self._read_directory(file, file, 0, prefix)
+
+    def _extract(self, member, destination, what, maximum):
+        """Decompress a member to a file: whole and with the right CRC, or not at all."""
+        if member.info.file_size > maximum:
+            raise DataError(
+                f"{self._source}: {what} claims {member.info.file_size} bytes, at most {maximum}"
+                " are accepted.",
+                f"the archive is damaged or another one; {BY_HAND}.",
+            )
+        for _ in range(2):
+            try:
+                with (
+                    self._transfer(member, what),
+                    member.container.open(member.info) as source,
+                    _atomic(Path(destination)) as target,
+                ):
+                    shutil.copyfileobj(source, target, CHUNK)
+                return
+            except (zipfile.BadZipFile, zlib.error, EOFError) as error:
+                problem = error
+                say(f"{what}: damaged ({error})")
+            except RuntimeError as error:  # encrypted, or an unknown method
+                raise DataError(
+                    f"{self._source}: {what} cannot be decompressed ({error}).",
+                    "extract the archive by hand and set `folder: {path: ...}`.",
+                ) from None
+        raise DataError(
+            f"{self._source}: {what} is damaged, read twice ({problem}).",
+            f"the archive itself may be damaged; {BY_HAND}.",
+        )
+
+    def _transfer(self, member, what):
+        if not member.remote:
+            return contextlib.nullcontext()
+        spool = self._cache / f"{member.remote.key}_{member.start}_{member.info.CRC:08x}.part"
+        return member.remote.span(member.start, member.end, spool, what)
+
+
+def _cost(nested):
+    """Sort key: archives that can be read where they stand first, then those likely to be right."""
+    likely = any(place in nested.info.filename for place in LEICA_PLACES)
+    return nested.info.compress_type != zipfile.ZIP_STORED, not likely
+
+
+@contextlib.contextmanager
+def _atomic(path):
+    """A file that gets the name ``path`` only when all of it is written."""
+    temporary = path.with_name(path.name + ".part")
+    try:
+        with temporary.open("wb") as file:
+            yield file
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _require_space(folder, size):
+    free = shutil.disk_usage(folder).free
+    if free < size:
+        raise DataError(
+            f"{folder}: {amount(size)} are needed, {amount(free)} are free.",
+            "make room on this disk.",
+        )

@@ -1,0 +1,1 @@
+"""Estimators: from a perturbed pair to pose samples."""

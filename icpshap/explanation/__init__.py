@@ -1,0 +1,1 @@
+"""From pose samples to uncertainties and to what each cause contributes."""

@@ -1,0 +1,1 @@
+"""What people read: figures, captions, tables, pages."""

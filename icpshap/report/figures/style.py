@@ -1,0 +1,104 @@
+"""How all figures look, and how they are saved: same inputs, same bytes."""
+
+from contextlib import contextmanager
+
+import matplotlib
+import numpy as np
+from matplotlib.colors import ListedColormap
+from matplotlib.ticker import FixedLocator, FuncFormatter
+
+from icpshap.report import captions
+
+# Widths of one and of two columns of a two-column paper [inch]; fonts are readable at these.
+COLUMN, PAGE = 3.5, 7.16
+RASTER_DPI = 300
+
+# Okabe and Ito's colours, which people with any colour vision can tell apart.
+COLOURS = {"sensor_noise": "#D55E00", "initial_pose": "#0072B2", "partial_overlap": "#009E73"}
+INCREASE, DECREASE = "#D55E00", "#0072B2"
+INK, MUTED, FAINT = "#222222", "#777777", "#DDDDDD"
+# Dark to bright without the palest part, which is lost on white paper.
+LEVELS = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0, 0.9, 256)))
+
+STYLE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 7,
+    "axes.labelsize": 7,
+    "axes.titlesize": 7,
+    "xtick.labelsize": 6.5,
+    "ytick.labelsize": 6.5,
+    "legend.fontsize": 6,
+    "legend.frameon": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "hatch.linewidth": 0.6,
+    "figure.constrained_layout.use": True,
+    "savefig.dpi": RASTER_DPI,
+    "svg.hashsalt": "icpshap",
+}
+
+
+@contextmanager
+def styled():
+    """The style of all figures, and a fixed state of the generator that shap jitters with."""
+    state = np.random.get_state()  # noqa: NPY002
+    np.random.seed(0)  # noqa: NPY002
+    try:
+        with matplotlib.rc_context(STYLE):
+            yield
+    finally:
+        np.random.set_state(state)  # noqa: NPY002
+
+
+def save(figure, *paths):
+    """Save a figure under each path (.png or .svg), without date or version."""
+    with styled():
+        for path in paths:
+            unset = {"Date": None, "Creator": None} if str(path).endswith("svg") else {}
+            figure.savefig(path, metadata=unset or {"Software": None})
+
+
+def value_label(source, unit):
+    """Axis label of a source's Shapley value."""
+    return f"φ {source.title} [{unit}]"
+
+
+def say_nothing(figure, message):
+    """Turn a figure that has nothing to show into one that says why."""
+    axes = figure.add_subplot()
+    axes.set_axis_off()
+    axes.text(0.5, 0.5, message, ha="center", va="center", wrap=True, color=MUTED)
+    return figure
+
+
+def mark_noise_floor(span, null_95):
+    """Mark, with an axis' `span` function, what f is by chance alone."""
+    if np.isfinite(null_95):
+        span(0, null_95, color=FAINT, zorder=-2, linewidth=0, label="noise floor of f (95 %)")
+
+
+def symmetric_logarithmic(axes, direction):
+    """Make the x or y axis linear up to 1 and logarithmic beyond, for small and huge values."""
+    {"x": axes.set_xscale, "y": axes.set_yscale}[direction]("symlog", linthresh=1)
+    axes.autoscale(axis=direction)
+    largest = np.abs({"x": axes.get_xlim, "y": axes.get_ylim}[direction]()).max()
+    step = 1 if largest < 1e4 else 2
+    powers = 10.0 ** np.arange(0, 20, step)
+    axis = {"x": axes.xaxis, "y": axes.yaxis}[direction]
+    axis.set_major_locator(FixedLocator([*-powers[::-1], 0, *powers]))
+    axis.set_major_formatter(FuncFormatter(_power_of_ten))
+
+
+def _power_of_ten(value, _):
+    if abs(value) <= 100:
+        return f"{value:g}".replace("-", "−")
+    return f"${'-' * int(value < 0)}10^{{{np.log10(abs(value)):.0f}}}$"
+
+
+def tame(axes, direction, values):
+    """Leave an axis linear unless values are so large that the others would vanish."""
+    if captions.is_huge(values):
+        symmetric_logarithmic(axes, direction)

@@ -1,0 +1,134 @@
+"""One page that says what was found, how sure that is, and what was run; and its short form."""
+
+from base64 import b64encode
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import yaml
+from jinja2 import Environment, FileSystemLoader
+from markupsafe import Markup
+
+from icpshap.report import captions
+from icpshap.report import tables as median_table
+
+TEMPLATE = Path(__file__).with_suffix(".html")
+POINTS_TO_PIXELS = 1.6
+
+
+@dataclass(frozen=True)
+class Section:
+    """What the page says of one experiment, or of one sequence of it.
+
+    figures: paths of SVG files, each beside a .txt with its caption and, for a scene, an .html;
+    links: paths of files; ranking: table, or None. Paths are relative to the working directory.
+    """
+
+    scope: str
+    study: captions.Study
+    shap: object
+    pairs: object
+    ranking: object
+    figures: list
+    links: list
+
+
+def warnings(section):
+    """Everything that makes the section's numbers doubtful, a line each."""
+    lines = captions.warnings(section.shap, section.study)
+    if captions.valued(section.shap).n_wrong_basin.max() > 0:
+        lines.append(" ".join(captions.basins(section.shap, section.study)))
+    for row in section.pairs[section.pairs.warning != ""].itertuples():
+        lines.append(f"{section.study.pair(row)}: {row.warning}.")
+    return lines
+
+
+def page(sections, run, folder, comparison=None):
+    """The page as HTML, with every picture inside it.
+
+    run: what `record.provenance` returned; folder: where the page will lie, which links start
+    from; comparison: (SVG path, caption, HTML table) of ours against the paper.
+    """
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATE.parent), autoescape=True, trim_blocks=False
+    )
+    run = dict(run)
+    configuration = yaml.safe_dump(run.pop("config"), sort_keys=False, allow_unicode=True)
+    return environment.get_template(TEMPLATE.name).render(
+        sections=[_described(section, folder) for section in sections],
+        comparison=comparison and _comparison(*comparison),
+        run=run,
+        configuration=configuration,
+    )
+
+
+def summary(sections, page_path):
+    """The end of a run in a few lines: where the results are, and the main findings."""
+    lines = ["", f"Report: {page_path}"]
+    for section in sections:
+        lines.append(f"Results: results/{section.scope}/ (figures, tables, shap.parquet)")
+    lines += ["", *(captions.finding(section.shap, section.study) for section in sections)]
+    number = sum(len(warnings(section)) for section in sections)
+    if number:
+        lines.append(f"The report opens with {number} warning{'s' * (number > 1)}.")
+    return "\n".join(lines) + "\n"
+
+
+def _described(section, folder):
+    study = section.study
+    anchor = section.scope.replace("/", "-")
+    ranked = section.ranking is not None
+    shared = [*captions.method(section.shap, study), *captions.significance(section.shap)]
+    method = " ".join([*shared, *captions.noise_floor(section.shap)])
+    said = [method, " ".join(shared), *warnings(section)]
+    return {
+        "title": section.scope,
+        "anchor": anchor,
+        "finding": captions.finding(section.shap, study),
+        "warnings": warnings(section),
+        "method": method,
+        "table": Markup(median_table.html(section.ranking, study)) if ranked else "",
+        "table_note": median_table.note(section.ranking, study) if ranked else "",
+        "figures": [_figure(path, anchor, folder, said) for path in section.figures],
+        "links": [_relative(link, folder) for link in section.links],
+    }
+
+
+def _figure(path, anchor, folder, said):
+    """A picture with its caption, but for the sentences that the page has said already."""
+    path = Path(path)
+    caption = path.with_suffix(".txt").read_text().strip()
+    for text in said:
+        caption = caption.replace(text, "").strip()
+    turning = path.with_suffix(".html")
+    return {
+        "name": path.stem,
+        "anchor": f"{anchor}-{path.stem}",
+        "image": _embedded(path),
+        "width": _width(path),
+        "caption": " ".join(caption.split()),
+        "page": _relative(turning, folder) if turning.exists() else "",
+    }
+
+
+def _comparison(path, caption, table):
+    return {
+        "image": _embedded(path),
+        "width": _width(path),
+        "caption": caption,
+        "table": Markup(table),
+    }
+
+
+def _embedded(path):
+    return "data:image/svg+xml;base64," + b64encode(Path(path).read_bytes()).decode()
+
+
+def _width(path):
+    """Width on the page [pixels] of an SVG whose size is in points."""
+    width = ElementTree.parse(path).getroot().get("width")
+    return round(float(width.removesuffix("pt")) * POINTS_TO_PIXELS)
+
+
+def _relative(path, folder):
+    return Path(path).relative_to(folder).as_posix()
