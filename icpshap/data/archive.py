@@ -9,14 +9,26 @@ import fcntl
 import hashlib
 import re
 import shutil
+import stat
+import struct
 import zipfile
 import zlib
 from pathlib import Path
 from typing import NamedTuple
 
 from icpshap.data.citation import DOI
-from icpshap.data.remote_file import RangeIgnoredError, RemoteFile, Window, amount, say
-from icpshap.data.scans import LEICA_NAME, LEICA_PLACES, MINIMUM_SCANS, DataError
+from icpshap.data.files import readable
+from icpshap.data.layout import LEICA_NAME, LEICA_PLACES, MINIMUM_SCANS
+from icpshap.data.remote_file import (
+    LocalFile,
+    RangeIgnoredError,
+    RemoteFile,
+    Window,
+    amount,
+    require_space,
+    say,
+)
+from icpshap.errors import DataError
 
 BY_HAND = (
     f"download the archive from {DOI} in a browser and give this sequence\n"
@@ -28,12 +40,14 @@ ALTERNATIVES = (
     "  - or use simulated scans: snakemake -j2 --configfile config/demo.yaml"
 )
 
-MAXIMUM_MEMBER = 2**28  # bytes of a scan or a pose file (a scan has about 30 MB)
-MAXIMUM_NESTED = 2**34  # bytes of an archive within the archive
+MAXIMUM_MEMBER = 2**31  # bytes of a scan or a pose file (a scan has about 30 MB)
+MAXIMUM_NESTED = 2**34  # bytes of all archives within the archive that have to be unpacked
+MAXIMUM_INSIDE = 100  # archives within the archive that are looked into
+LOCAL_HEADER = 30  # bytes before the name of a member
 CHUNK = 2**20  # bytes decompressed at a time
 
-SCAN_TAIL = re.compile(r"(?:^|/)csv_local/Hokuyo_(\d{1,6})\.csv$")
-POSES_TAIL = re.compile(rf"(?:^|/)(?:([^/]+)/)?{re.escape(LEICA_NAME)}$")
+SCAN_TAIL = re.compile(r"(?:^|/)csv_local/Hokuyo_([0-9]{1,6})\.csv\Z")
+POSES_TAIL = re.compile(rf"(?:^|/)(?:([^/]+)/)?{re.escape(LEICA_NAME)}\Z")
 
 
 @contextlib.contextmanager
@@ -44,14 +58,14 @@ def open_sequence(archive, cache, scans, terminal=None):
     ``cache``, ``terminal``: see `open_archive`. One process at a time reads an archive, so that two
     never download the same. Raises DataError, also unless it holds the scans 0 to ``scans`` - 1.
     """
-    Path(cache).mkdir(parents=True, exist_ok=True)
     checksums = {name: archive[name] for name in ("md5", "sha256") if name in archive}
     source = archive.get("path") or archive["url"]
-    with open(Path(cache) / "lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        with open_archive(source, cache, archive.get("bytes"), checksums, terminal) as members:
-            members.check_scans(scans)
-            yield members
+    with (
+        _locked(Path(cache)),
+        open_archive(source, cache, archive.get("bytes"), checksums, terminal) as members,
+    ):
+        members.check_scans(scans)
+        yield members
 
 
 def open_archive(source, cache, expected_bytes=None, checksums=None, terminal=None):
@@ -64,11 +78,12 @@ def open_archive(source, cache, expected_bytes=None, checksums=None, terminal=No
     `Progress`. Raises DataError.
     """
     cache = Path(cache)
-    cache.mkdir(parents=True, exist_ok=True)
+    _make_folder(cache)
     whole = cache / f"archive_{zlib.crc32(str(source).encode()):08x}.zip"
     if "://" not in str(source):
         file = _open_file(Path(source), expected_bytes)
-        _verify_once(Path(source), checksums or {}, cache)
+        with readable(Path(source)):
+            _verify_once(Path(source), checksums or {}, cache)
         return Archive(file, source, cache)
     if not whole.is_file():
         file = RemoteFile(str(source), ALTERNATIVES, expected_bytes, terminal)
@@ -78,23 +93,50 @@ def open_archive(source, cache, expected_bytes=None, checksums=None, terminal=No
             return Archive(file, source, cache)
         except RangeIgnoredError:
             say(f"{source}: the server serves no ranges, so the whole archive is downloaded")
-            if expected_bytes:
-                _require_space(cache, expected_bytes)
             file.download(whole, lambda path: verify_checksums(path, checksums or {}))
             file.close()
     return Archive(_open_file(whole, expected_bytes), source, cache)
 
 
-def _open_file(path, expected_bytes):
-    if not path.is_file():
-        raise DataError(f"{path}: no such archive.", f"correct `path`, or {BY_HAND}.")
-    size = path.stat().st_size
-    if expected_bytes not in (None, size):
+@contextlib.contextmanager
+def _locked(cache):
+    """While this lasts, the folder ``cache``, which is made, is this process's alone."""
+    _make_folder(cache)
+    try:
+        lock = (cache / "lock").open("w", encoding="utf-8")
+    except OSError as error:
         raise DataError(
-            f"{path}: {size} bytes, but the configuration says `bytes: {expected_bytes}`.",
+            f"{cache / 'lock'}: cannot be written ({error.strerror or error}).",
+            "check the permissions of the folder, and the disk.",
+        ) from None
+    with lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def _make_folder(path):
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(
+            f"{path}: cannot be made ({error.strerror or error}); expected a folder for pieces of"
+            " the archive.",
+            "take away what is there, or check the permissions of the folder above.",
+        ) from None
+
+
+def _open_file(path, expected_bytes):
+    if not (path.exists() or path.is_symlink()):
+        raise DataError(f"{path}: no such archive.", f"correct `path`, or {BY_HAND}.")
+    with readable(path):
+        file = LocalFile(path)
+    if expected_bytes not in (None, file.size):
+        file.close()
+        raise DataError(
+            f"{path}: {file.size} bytes, but the configuration says `bytes: {expected_bytes}`.",
             f"the file may be cut off or another one; {BY_HAND}.",
         )
-    return path.open("rb")
+    return file
 
 
 def verify_checksums(path, checksums):
@@ -134,6 +176,7 @@ class Archive:
         self._source, self._cache = source, cache
         self._remote = file if isinstance(file, RemoteFile) else None
         self._scans, self._poses = {}, {}
+        self._inside = self._unpacked = 0  # archives looked into, and bytes of those unpacked
         with contextlib.ExitStack() as files:
             self._files = files
             self._read_directory(file, file, 0, "")
@@ -197,21 +240,15 @@ class Archive:
     def _read_directory(self, file, outermost, offset, prefix):
         """Take in the scans and poses of the ZIP ``file``, at ``offset`` in the outermost file."""
         self._files.callback(file.close)
-        try:
-            container = zipfile.ZipFile(file)
-        except (zipfile.BadZipFile, NotImplementedError, UnicodeDecodeError) as error:
-            raise DataError(
-                f"{self._source}: {f'{prefix!r} in it' if prefix else 'it'} is not a whole ZIP"
-                f" archive ({error}).",
-                f"the file may be cut off; {BY_HAND}.",
-            ) from None
+        container = self._container(file, prefix)
         members = sorted(container.infolist(), key=lambda info: info.header_offset)
         ends = [*(info.header_offset for info in members), container.start_dir][1:]
         remote = outermost if isinstance(outermost, RemoteFile) else None
         scans, poses, nested = {}, {}, []
         for info, end in zip(members, ends, strict=True):
             member = _Member(container, info, remote, offset + info.header_offset, offset + end)
-            name = prefix + info.filename
+            # Some programs write the separators of Windows.
+            name = prefix + info.filename.replace("\\", "/")
             if match := SCAN_TAIL.search(name):
                 self._add(scans, int(match[1]), member)
             elif match := POSES_TAIL.search(name):
@@ -222,6 +259,26 @@ class Archive:
         for member in sorted(nested, key=_cost):
             if not (self._scans and self._poses):
                 self._read_nested(member, outermost)
+
+    def _container(self, file, prefix):
+        """The ZIP ``file``, whose directory is read; ``prefix`` names it within the archive."""
+        try:
+            return zipfile.ZipFile(file)
+        except DataError:
+            raise
+        # zipfile checks little of what a directory says: a wrong number may turn up anywhere.
+        except (
+            zipfile.BadZipFile,
+            NotImplementedError,
+            ValueError,
+            OSError,
+            struct.error,
+        ) as error:
+            raise DataError(
+                f"{self._source}: {f'{prefix!r} in it' if prefix else 'it'} is not a whole ZIP"
+                f" archive ({error}).",
+                f"the file may be cut off; {BY_HAND}.",
+            ) from None
 
     def _add(self, members, key, member):
         if key in members:
@@ -235,34 +292,61 @@ class Archive:
     def _read_nested(self, member, outermost):
         """Look into an archive within the archive: where it stands if stored, else unpacked."""
         prefix = member.info.filename[: -len(".zip")] + "/"
+        self._inside += 1
+        if self._inside > MAXIMUM_INSIDE:
+            raise DataError(
+                f"{self._source}: scans and poses are not in the first {MAXIMUM_INSIDE} of the"
+                " archives within it; more are not looked into.",
+                "extract it by hand and set `folder: {path: ...}`.",
+            )
+        what = f"{member.info.filename!r}, an archive within the archive,"
+        self._require_plausible(member, what, MAXIMUM_NESTED - self._unpacked)
         if member.info.compress_type == zipfile.ZIP_STORED:
             outermost.seek(member.start)
-            header = outermost.read(30)
+            header = outermost.read(LOCAL_HEADER)
             # A member's bytes follow its header, its name and an extra field.
             lengths = [int.from_bytes(header[at : at + 2], "little") for at in (26, 28)]
-            start = member.start + 30 + sum(lengths)
-            window = Window(outermost, start, member.info.file_size)
+            start = member.start + LOCAL_HEADER + sum(lengths)
+            window = Window(outermost, start, member.info.file_size, self._source)
             self._read_directory(window, outermost, start, prefix)
             return
+        self._unpacked += member.info.file_size
         path = self._cache / f"nested_{member.info.CRC:08x}_{member.info.file_size}.zip"
         if not path.is_file():
             say(
                 f"{self._source}: {member.info.filename!r} is compressed as a whole, so all of it"
                 f" ({amount(member.info.compress_size)}) is fetched, once"
             )
-            _require_space(self._cache, member.info.file_size + member.info.compress_size)
-            self._extract(member, path, "archive within the archive", MAXIMUM_NESTED)
-        file = path.open("rb")
+            require_space(self._cache, member.info.file_size + member.info.compress_size)
+            self._extract(member, path, what, MAXIMUM_NESTED)
+        file = _open_file(path, None)
         self._read_directory(file, file, 0, prefix)
+
+    def _require_plausible(self, member, what, maximum):
+        """Raise DataError if what the directory says of a member cannot be, or is too much."""
+        info = member.info
+        header = LOCAL_HEADER + len(info.orig_filename.encode())
+        if info.file_size > maximum:
+            problem = f"claims {info.file_size} bytes, at most {maximum} are accepted"
+        elif member.start < 0 or member.start + header + info.compress_size > member.end:
+            problem = "overlaps what stands behind it in the archive"
+        elif info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            # Other methods can take any amount of memory, and nobody writes them.
+            problem = f"cannot be decompressed (That compression method, {info.compress_type}, is"
+            problem += " neither stored nor deflated)"
+        elif stat.S_ISLNK(info.external_attr >> 16):
+            problem = "is a symbolic link, expected a file"
+        else:
+            return
+        raise DataError(
+            f"{self._source}: {what} {problem}.",
+            f"the archive is damaged or another one; {BY_HAND}.",
+        )
 
     def _extract(self, member, destination, what, maximum):
         """Decompress a member to a file: whole and with the right CRC, or not at all."""
-        if member.info.file_size > maximum:
-            raise DataError(
-                f"{self._source}: {what} claims {member.info.file_size} bytes, at most {maximum}"
-                " are accepted.",
-                f"the archive is damaged or another one; {BY_HAND}.",
-            )
+        self._require_plausible(member, what, maximum)
+        require_space(Path(destination).parent, member.info.file_size)
         for _ in range(2):
             try:
                 with (
@@ -271,14 +355,22 @@ class Archive:
                     _atomic(Path(destination)) as target,
                 ):
                     shutil.copyfileobj(source, target, CHUNK)
+                    if target.tell() != member.info.file_size:
+                        raise EOFError(f"{target.tell()} bytes, expected {member.info.file_size}")
                 return
             except (zipfile.BadZipFile, zlib.error, EOFError) as error:
                 problem = error
                 say(f"{what}: damaged ({error})")
-            except RuntimeError as error:  # encrypted, or an unknown method
+            except RuntimeError as error:  # encrypted, or a newer kind of archive
                 raise DataError(
                     f"{self._source}: {what} cannot be decompressed ({error}).",
                     "extract the archive by hand and set `folder: {path: ...}`.",
+                ) from None
+            except OSError as error:
+                raise DataError(
+                    f"{destination}: {what} of {self._source} cannot be written or read"
+                    f" ({error.strerror or error}).",
+                    "check the permissions of both, and the disk.",
                 ) from None
         raise DataError(
             f"{self._source}: {what} is damaged, read twice ({problem}).",
@@ -308,12 +400,3 @@ def _atomic(path):
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
-
-
-def _require_space(folder, size):
-    free = shutil.disk_usage(folder).free
-    if free < size:
-        raise DataError(
-            f"{folder}: {amount(size)} are needed, {amount(free)} are free.",
-            "make room on this disk.",
-        )

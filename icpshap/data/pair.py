@@ -1,19 +1,112 @@
-"""Pairs of scans, read from their tables."""
+"""A pair of scans: read from its tables, measured, and checked before anything is registered."""
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
 
 from icpshap import se3, tables
-from icpshap.estimators import perturb as perturbation
+from icpshap.data.ground_truth import ground_truth_distance
+from icpshap.data.scans import check_scan
+from icpshap.errors import DataError, PerturbationError
+from icpshap.geometry import nearest_distances
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two raw scans (n, 3) and (m, 3) [m], each in its scanner's frame, and the true pose.
+
+    `overlapping` (m,) marks the source points that have a reference point within the distance
+    `overlap_distance` [m] at that pose.
+    """
+
+    reference: np.ndarray
+    source: np.ndarray
+    T_reference_source: np.ndarray
+    overlapping: np.ndarray
+    overlap_distance: float
+
+    @classmethod
+    def measured(cls, reference, source, T_reference_source, overlap_distance):
+        """The pair of two scans, whose overlap is measured."""
+        distances = nearest_distances(reference, source, T_reference_source)
+        overlapping = distances <= overlap_distance
+        return cls(reference, source, T_reference_source, overlapping, overlap_distance)
+
+    @property
+    def overlap(self):
+        """Overlap ratio O = N / |P1| (section "Partial Overlap")."""
+        return self.overlapping.sum() / len(self.reference)
 
 
 def read_pair(reference, source, poses, overlap, indices):
-    """A perturbation.Pair from the paths of its tables; indices of reference and source scan."""
-    return perturbation.Pair(
+    """The `Pair` of the paths of its tables; indices of reference and source scan.
+
+    Raises DataError if the overlap is that of other scans.
+    """
+    points = tables.read_points(source)
+    overlapping = tables.read(overlap, "overlap")["overlapping"].to_numpy()
+    if len(overlapping) != len(points):
+        raise DataError(
+            f"{overlap}: {len(overlapping)} marks of overlap for {len(points)} points of {source}.",
+            "it belongs to another pair; remove it, and the workflow makes it again.",
+        )
+    return Pair(
         tables.read_points(reference),
-        tables.read_points(source),
+        points,
         relative_pose(tables.read_poses(poses), *indices),
-        tables.read(overlap, "overlap")["overlapping"].to_numpy(),
+        overlapping,
+        tables.read_about(overlap)["plan"]["distance"],
     )
 
 
 def relative_pose(T_global_scan, reference, source):
     """T_reference_source (4, 4) of two scans out of all poses (n, 4, 4)."""
     return se3.inverse(T_global_scan[reference]) @ T_global_scan[source]
+
+
+def describe_pair(pair, sequence, indices, *, levels, minimum_overlap, minimum_range):
+    """A row of the pairs table, by column.
+
+    levels: cause and its largest level, for each that will be on; minimum_overlap: a pair whose
+    overlap ratio is not above it is not registered; minimum_range: the chain's [m]. Raises
+    DataError for a scan with too few points beyond the range, PerturbationError for a level that
+    cannot be applied to the pair.
+    """
+    reference, source = indices
+    for index, points in ((reference, pair.reference), (source, pair.source)):
+        check_scan(points, minimum_range, f"{sequence}, scan {index}")
+    registered = pair.overlap > minimum_overlap
+    for cause, level in levels if registered else ():
+        try:
+            cause.check(pair, level)
+        except PerturbationError as error:
+            where = f"{sequence}, scans {reference} and {source}"
+            raise PerturbationError(f"{where}: {error}") from None
+    distance, warning = ground_truth_distance(
+        pair.reference, pair.source, pair.T_reference_source, minimum_range
+    )
+    reason = (
+        "" if registered else f"overlap ratio {pair.overlap:.4f} is not above {minimum_overlap}"
+    )
+    logging.info("overlap %.4f, median distance at the true pose %.4f m", pair.overlap, distance)
+    if pair.overlap > 1:
+        more = (
+            f"the overlap ratio is {pair.overlap:.2f}, above 1: the source has more points than the"
+            " reference, by whose number it is counted, as lambda is"
+        )
+        warning = "; ".join(filter(None, (warning, more)))
+    for remark in filter(None, (reason, warning)):
+        logging.warning(remark)
+    return {
+        "sequence": sequence,
+        "reference": reference,
+        "source": source,
+        "reference_points": len(pair.reference),
+        "source_points": len(pair.source),
+        "overlap": pair.overlap,
+        "median_distance": distance,
+        "registered": registered,
+        "reason": reason,
+        "warning": warning,
+    }

@@ -3,8 +3,10 @@
 import contextlib
 import email.utils
 import io
+import os
 import random
 import re
+import shutil
 import sys
 import time
 import zlib
@@ -13,8 +15,9 @@ from datetime import UTC, datetime
 from urllib.parse import urljoin, urlsplit
 
 import requests
+import urllib3
 
-from icpshap.data.scans import DataError
+from icpshap.errors import DataError
 
 # Servers refuse the names of common download libraries (HTTP 403).
 USER_AGENT = "icpshap/1.0 (research on point cloud registration)"
@@ -26,7 +29,10 @@ ATTEMPTS = 8  # requests for one block
 FEW_ATTEMPTS = 3  # the same where it is soon clear that more are of no use
 FIRST_DELAY = 1.0  # s, doubled with each attempt
 MAXIMUM_DELAY = 120.0  # s
-MAXIMUM_READ = 2**25  # bytes at once: a bound on the ZIP directory, the largest thing read so
+PATIENCE = 300.0  # s in which CHUNK bytes must arrive
+# Bytes at once: a bound on the ZIP directory, the largest thing read so. An entry of it has a few
+# hundred bytes, and takes a few times more in memory.
+MAXIMUM_READ = 2**23
 
 
 class DownloadError(DataError):
@@ -56,7 +62,10 @@ class _RangeIgnored(_Fault):
 
 
 class SeekableView(io.RawIOBase):
-    """Read-only seekable bytes; a subclass gives ``size`` and ``_read_at(start, size)``."""
+    """Read-only seekable bytes; a subclass gives ``name``, ``size`` and ``_read_at(start, size)``.
+
+    ``name`` is what messages call it.
+    """
 
     _position = 0
 
@@ -81,7 +90,8 @@ class SeekableView(io.RawIOBase):
         size = left if size < 0 else min(size, left)
         if size > MAXIMUM_READ:
             raise DataError(
-                f"a table of {size} bytes is announced, at most {MAXIMUM_READ} are accepted.",
+                f"{self.name}: a table of {size} bytes is announced, at most {MAXIMUM_READ} are"
+                " accepted.",
                 "the archive is damaged or another one.",
             )
         data = self._read_at(self._position, size)
@@ -92,12 +102,24 @@ class SeekableView(io.RawIOBase):
 class Window(SeekableView):
     """The ``size`` bytes of ``file`` from ``start`` on, as a file of its own."""
 
-    def __init__(self, file, start, size):
-        self._file, self._start, self.size = file, start, size
+    def __init__(self, file, start, size, name):
+        self._file, self._start, self.size, self.name = file, start, size, name
 
     def _read_at(self, start, size):
         self._file.seek(self._start + start)
         return self._file.read(size)
+
+
+class LocalFile(Window):
+    """A file on disk, which is closed with it."""
+
+    def __init__(self, path):
+        file = path.open("rb")
+        super().__init__(file, 0, os.fstat(file.fileno()).st_size, path)
+
+    def close(self):
+        self._file.close()
+        super().close()
 
 
 class RemoteFile(SeekableView):
@@ -109,7 +131,7 @@ class RemoteFile(SeekableView):
     """
 
     def __init__(self, url, alternatives, expected_bytes=None, terminal=None):
-        self.url = url
+        self.url = self.name = url
         self.received = 0
         self.requests = 0
         self._alternatives = alternatives
@@ -176,9 +198,14 @@ class RemoteFile(SeekableView):
                 if not length.isdecimal():
                     raise _Fault("the server does not say how long the file is")
                 self._check_identity(int(length), response)
+                require_space(path.parent, self.size)
                 self._progress = Progress(path.name, self.size, self._terminal)
-                for chunk in response.iter_content(CHUNK):
+                left = self.size
+                for chunk in _arriving(response):
                     self._count(chunk)
+                    left -= len(chunk)
+                    if left < 0:  # decompressed, it may be any number
+                        raise _Fault(f"more than the announced {self.size} bytes arrived")
                     file.write(chunk)
             if part.stat().st_size != self.size:
                 raise _Fault(f"{part.stat().st_size} bytes of {self.size} arrived")
@@ -248,7 +275,7 @@ class RemoteFile(SeekableView):
                 raise _Fault(f"asked for bytes {start}-{end - 1}, got {content_range!r}")
             self._check_identity(int(match[3]), response)
             left = int(match[2]) + 1 - start
-            for chunk in response.iter_content(CHUNK):
+            for chunk in _arriving(response):
                 yield chunk[:left]
                 left -= len(chunk)
                 if left < 0:  # more than announced
@@ -315,7 +342,7 @@ class RemoteFile(SeekableView):
         while True:
             try:
                 return attempt()
-            except requests.RequestException as error:
+            except (requests.RequestException, urllib3.exceptions.HTTPError) as error:
                 kind = _Fault if self._identity else _Unreachable
                 fault = kind(_root_cause(error))
             except _Fault as error:
@@ -346,6 +373,22 @@ class RemoteFile(SeekableView):
         return kind(f"{self.url} ({tried})\n{problem}", f"{hint}\n{self._alternatives}")
 
 
+def _arriving(response):
+    """The pieces of a body as they arrive, decompressed, of at most CHUNK bytes each.
+
+    Raises _Fault where less than CHUNK bytes arrive in PATIENCE seconds: a byte now and then would
+    keep the connection from timing out for ever.
+    """
+    start, arrived = time.monotonic(), 0
+    while chunk := response.raw.read1(CHUNK, decode_content=True):
+        yield chunk
+        arrived += len(chunk)
+        if arrived >= CHUNK:
+            start, arrived = time.monotonic(), 0
+        elif time.monotonic() - start > PATIENCE:
+            raise _Fault(f"{arrived} bytes arrived in {PATIENCE:.0f} s")
+
+
 def _retry_after(value):
     """Seconds to wait according to a Retry-After header: a number or a date."""
     if value.isdecimal():
@@ -363,6 +406,16 @@ def _root_cause(error):
         error = error.args[-1]
     cause = str(getattr(error, "reason", None) or error)
     return re.sub(r"^.*object at 0x\w+>: |^\w+\(.*?\): ", "", cause)
+
+
+def require_space(folder, size):
+    """Raise DataError unless the disk of a folder has room for ``size`` bytes."""
+    free = shutil.disk_usage(folder).free
+    if free < size:
+        raise DataError(
+            f"{folder}: {amount(size)} are needed, {amount(free)} are free.",
+            "make room on this disk.",
+        )
 
 
 # Reports

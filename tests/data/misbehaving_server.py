@@ -1,6 +1,7 @@
 """A stand-in for the data set's server: archives laid out like the real ones, served over HTTP on
 this machine, counting every byte and misbehaving on demand."""
 
+import contextlib
 import gzip
 import io
 import random
@@ -34,7 +35,7 @@ def write_folder(folder, scans, T_global_local, pose_place="leica"):
     for name, text in _members(scans, T_global_local, pose_place).items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
+        path.write_text(text, encoding="utf-8")
 
 
 def build_archive(scans, T_global_local, root="apartment", pose_place="leica", nested=None):
@@ -103,6 +104,12 @@ class MisbehavingServer:
         self.server.shutdown()
         self.server.server_close()
         self.thread.join()
+
+    def settle(self):
+        """Wait until every connection is closed: a body may be sent after its reader has left."""
+        deadline = time.monotonic() + 10
+        while self.open_connections and time.monotonic() < deadline:
+            time.sleep(0.01)
 
     def next_fault(self):
         with self.lock:
@@ -206,6 +213,37 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(body[: len(body) // 2])
         time.sleep(1.0)
         self.close_connection = True
+
+    def trickle(self):
+        """One byte now and then, for longer than anyone waits."""
+        self.close_connection = True
+        self._head(206, len(self._body()), self.first)
+        with contextlib.suppress(OSError):  # the reader has left
+            for byte in self._body():
+                self._send(bytes([byte]))
+                time.sleep(0.02)
+
+    def boast(self):
+        """The right bytes where there are any, of a file of 10^18."""
+        body = self._body()
+        self.close_connection = True
+        self.send_response(206)
+        total = 10**18
+        self.send_header("Content-Range", f"bytes {self.first}-{self.last}/{total}")
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self._send(body)
+
+    def inflate(self):
+        """The whole file (HTTP 200), which a proxy has compressed, and a thousand times more."""
+        self.close_connection = True
+        body = gzip.compress(self.stand_in.content + bytes(10**7))
+        self.send_response(200)
+        self.send_header("ETag", '"first"')
+        self.send_header("Content-Encoding", "gzip")
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self._send(body)
 
     def ignore_range(self):
         """The whole file (HTTP 200)."""

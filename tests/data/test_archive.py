@@ -3,6 +3,7 @@ import io
 import logging
 import random
 import runpy
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,9 +22,13 @@ from misbehaving_server import (
 )
 
 from icpshap import se3
-from icpshap.data import archive as fetch
 from icpshap.data import citation, remote_file
-from icpshap.data import scans as dataset
+from icpshap.data.archive import open_archive, open_sequence
+from icpshap.data.folder import find_folder_files
+from icpshap.data.layout import LEICA_PLACES
+from icpshap.data.poses import read_poses
+from icpshap.data.scans import read_scan
+from icpshap.errors import DataError
 
 SCANS = 45
 
@@ -55,9 +60,9 @@ def hurry(monkeypatch):
 
 def fetch_scan(source, tmp_path, index=6, **options):
     path = tmp_path / "scan.csv"
-    with fetch.open_archive(source, tmp_path / "cache", **options) as opened:
+    with open_archive(source, tmp_path / "cache", **options) as opened:
         opened.extract_scan(index, path)
-    return dataset.read_scan(path)[0]
+    return read_scan(path)[0]
 
 
 def member_bytes(archive, *tails):
@@ -82,7 +87,7 @@ def test_two_scans_and_poses_cost_their_members_and_the_directory(
     scans, poses, archive, tmp_path, capsys
 ):
     with MisbehavingServer(archive) as server:
-        with fetch.open_archive(server.url, tmp_path, len(archive)) as opened:
+        with open_archive(server.url, tmp_path, len(archive)) as opened:
             opened.check_scans(SCANS)
             opened.extract_poses(tmp_path / "poses.csv")
             for index in (6, 7):
@@ -93,8 +98,8 @@ def test_two_scans_and_poses_cost_their_members_and_the_directory(
         assert server.most_connections == 1
         assert server.user_agents == {remote_file.USER_AGENT}
     for index in (6, 7):
-        np.testing.assert_array_equal(dataset.read_scan(tmp_path / f"{index}.csv")[0], scans[index])
-    np.testing.assert_array_equal(dataset.read_poses(tmp_path / "poses.csv", SCANS), poses)
+        np.testing.assert_array_equal(read_scan(tmp_path / f"{index}.csv")[0], scans[index])
+    np.testing.assert_array_equal(read_poses(tmp_path / "poses.csv", SCANS), poses)
     log = capsys.readouterr().err
     assert "of which only what is needed is read" in log
     assert "scan 6: " in log and "received in" in log
@@ -109,7 +114,7 @@ def test_every_request_is_a_short_range(archive, tmp_path):
     assert lengths.count(remote_file.BLOCK) >= 2
 
 
-@pytest.mark.parametrize("pose_place", dataset.LEICA_PLACES)
+@pytest.mark.parametrize("pose_place", LEICA_PLACES)
 @pytest.mark.parametrize("nested", [None, "stored", "deflated"])
 @pytest.mark.parametrize("remote", [True, False])
 def test_layouts(scans, poses, tmp_path, pose_place, nested, remote):
@@ -118,12 +123,12 @@ def test_layouts(scans, poses, tmp_path, pose_place, nested, remote):
     local.write_bytes(content)
     with MisbehavingServer(content) as server:
         source = server.url if remote else local
-        with fetch.open_archive(source, tmp_path / "cache") as opened:
+        with open_archive(source, tmp_path / "cache") as opened:
             opened.check_scans(3)
             opened.extract_scan(2, tmp_path / "scan.csv")
             opened.extract_poses(tmp_path / "poses.csv")
-    np.testing.assert_array_equal(dataset.read_scan(tmp_path / "scan.csv")[0], scans[2])
-    np.testing.assert_array_equal(dataset.read_poses(tmp_path / "poses.csv", 3), poses[:3])
+    np.testing.assert_array_equal(read_scan(tmp_path / "scan.csv")[0], scans[2])
+    np.testing.assert_array_equal(read_poses(tmp_path / "poses.csv", 3), poses[:3])
 
 
 def test_theodolite_poses_of_the_first_place_win(scans, poses, tmp_path):
@@ -135,9 +140,9 @@ def test_theodolite_poses_of_the_first_place_win(scans, poses, tmp_path):
             ("r/leica/pose_scanner_leica.csv", poses_csv(poses[:1])),
         ],
     )
-    with fetch.open_archive(path, tmp_path) as opened:
+    with open_archive(path, tmp_path) as opened:
         opened.extract_poses(tmp_path / "poses.csv")
-    np.testing.assert_array_equal(dataset.read_poses(tmp_path / "poses.csv", 1), poses[:1])
+    np.testing.assert_array_equal(read_poses(tmp_path / "poses.csv", 1), poses[:1])
 
 
 def test_stored_nested_archive_is_read_where_it_stands(scans, poses, tmp_path):
@@ -161,8 +166,8 @@ def test_deflated_nested_archive_is_fetched_once_with_a_notice(scans, poses, tmp
 def test_scan_count_that_differs_names_both_numbers_and_the_line(archive, tmp_path):
     (tmp_path / "a.zip").write_bytes(archive)
     with (
-        fetch.open_archive(tmp_path / "a.zip", tmp_path) as opened,
-        pytest.raises(dataset.DataError, match=r"45 scans in the archive.*`scans: 46`") as error,
+        open_archive(tmp_path / "a.zip", tmp_path) as opened,
+        pytest.raises(DataError, match=r"45 scans in the archive.*`scans: 46`") as error,
     ):
         opened.check_scans(46)
     assert "missing: 45" in str(error.value)
@@ -174,8 +179,8 @@ def test_scans_with_a_gap_are_not_counted_for_the_user(tmp_path, numbers, scans)
     names = [f"r/csv_local/Hokuyo_{number}.csv" for number in numbers]
     path = archive_of(tmp_path, [(name, "") for name in [*names, "r/leica/pose_scanner_leica.csv"]])
     with (
-        fetch.open_archive(path, tmp_path) as opened,
-        pytest.raises(dataset.DataError, match=rf"{len(numbers)} scans in the archive") as error,
+        open_archive(path, tmp_path) as opened,
+        pytest.raises(DataError, match=rf"{len(numbers)} scans in the archive") as error,
     ):
         opened.check_scans(scans)
     problem, hint = str(error.value).split("\nHint: ")
@@ -200,7 +205,7 @@ def run_fetch_scan(tmp_path, content, drop_non_finite):
     [("4,abc,6", ", line 3, column y: 'abc' is not a number."), ("4,nan,6", ": 1 of 2 rows are")],
 )
 def test_bad_scan_of_an_archive_is_named_by_the_archive(tmp_path, row, expected):
-    with pytest.raises(dataset.DataError) as error:
+    with pytest.raises(DataError) as error:
         run_fetch_scan(tmp_path, f"x,y,z\n1,2,3\n{row}\n", False)
     problem, hint = str(error.value).split("\nHint: ")
     assert problem.startswith(f"{tmp_path / 'made.zip'}, Hokuyo_1.csv{expected}")
@@ -217,15 +222,15 @@ def test_dropped_rows_of_an_archive_are_logged(tmp_path, caplog):
 
 def test_scan_that_is_not_there(archive, tmp_path):
     (tmp_path / "a.zip").write_bytes(archive)
-    with pytest.raises(dataset.DataError, match="no scan 45 among the 45"):
+    with pytest.raises(DataError, match="no scan 45 among the 45"):
         fetch_scan(tmp_path / "a.zip", tmp_path, 45)
 
 
 def test_extracted_folder_holds_the_same(scans, poses, tmp_path):
     write_folder(tmp_path, scans[:2], poses[:2], "csv_global")
-    paths, pose_path = dataset.find_folder_files(tmp_path, 2)
-    np.testing.assert_array_equal(dataset.read_scan(paths[1])[0], scans[1])
-    np.testing.assert_array_equal(dataset.read_poses(pose_path, 2), poses[:2])
+    paths, pose_path = find_folder_files(tmp_path, 2)
+    np.testing.assert_array_equal(read_scan(paths[1])[0], scans[1])
+    np.testing.assert_array_equal(read_poses(pose_path, 2), poses[:2])
 
 
 # A server that drops connections
@@ -277,13 +282,13 @@ def test_a_stalled_connection_is_given_up(scans, archive, tmp_path, monkeypatch)
 def test_a_lasting_fault_is_one_clear_error(archive, tmp_path, fault):
     with (
         MisbehavingServer(archive, ["", ""], always=fault) as server,
-        pytest.raises(fetch.DataError) as error,
+        pytest.raises(DataError) as error,
     ):
         fetch_scan(server.url, tmp_path)
     message = str(error.value)
     assert server.url in message and "bytes received" in message
     assert f"{remote_file.ATTEMPTS} attempts failed" in message
-    assert fetch.DOI in message and "archive: {path:" in message
+    assert citation.DOI in message and "archive: {path:" in message
     assert len(message.splitlines()) <= 12
     assert not (tmp_path / "scan.csv").exists()
 
@@ -305,9 +310,10 @@ def test_an_interrupted_run_is_continued_by_the_next(scans, archive, tmp_path):
 
 def test_a_killed_process_leaves_no_file_that_looks_whole(scans, archive, tmp_path):
     program = (
-        "import sys; from pathlib import Path; from icpshap import fetch, remote_file\n"
+        "import sys; from pathlib import Path\n"
+        "from icpshap.data import archive, remote_file\n"
         "remote_file.BLOCK = 4_000\n"
-        "with fetch.open_archive(sys.argv[1], sys.argv[2]) as opened:\n"
+        "with archive.open_archive(sys.argv[1], sys.argv[2]) as opened:\n"
         "    opened.extract_scan(6, Path(sys.argv[2]) / 'scan.csv')\n"
     )
     with MisbehavingServer(archive, [""] * 5, always="stall") as server:
@@ -318,6 +324,7 @@ def test_a_killed_process_leaves_no_file_that_looks_whole(scans, archive, tmp_pa
         deadline = time.monotonic() + 20
         while len(server.ranges) < 6 and time.monotonic() < deadline:
             time.sleep(0.01)
+        assert process.poll() is None and len(server.ranges) == 6  # in the middle of the scan
         process.send_signal(signal.SIGKILL)
         process.wait()
         assert not (tmp_path / "cache" / "scan.csv").exists()
@@ -340,12 +347,12 @@ def test_lasting_damage_is_an_error(archive, tmp_path):
     damaged[info.header_offset + 30 + len(info.filename) + info.compress_size // 2] ^= 0xFF
     with (
         MisbehavingServer(bytes(damaged)) as server,
-        pytest.raises(dataset.DataError, match=r"scan 6 is damaged, read twice"),
+        pytest.raises(DataError, match=r"scan 6 is damaged, read twice"),
     ):
         fetch_scan(server.url, tmp_path)
     assert not (tmp_path / "scan.csv").exists()
     (tmp_path / "local.zip").write_bytes(damaged)
-    with pytest.raises(dataset.DataError, match=r"scan 6 is damaged, read twice"):
+    with pytest.raises(DataError, match=r"scan 6 is damaged, read twice"):
         fetch_scan(tmp_path / "local.zip", tmp_path)
 
 
@@ -366,7 +373,7 @@ def test_server_without_ranges_falls_back_to_the_whole_archive(scans, archive, t
 def test_whole_archive_with_another_checksum_is_refused(archive, tmp_path, name):
     with (
         MisbehavingServer(archive, always="ignore_range") as server,
-        pytest.raises(dataset.DataError, match=rf"its {name} is \w+, but the configuration says 0"),
+        pytest.raises(DataError, match=rf"its {name} is \w+, but the configuration says 0"),
     ):
         fetch_scan(server.url, tmp_path, checksums={name: "0"})
     assert not list((tmp_path / "cache").glob("*.zip"))
@@ -375,11 +382,11 @@ def test_whole_archive_with_another_checksum_is_refused(archive, tmp_path, name)
 def test_archive_on_disk_is_verified_once(archive, tmp_path, monkeypatch):
     path = tmp_path / "a.zip"
     path.write_bytes(archive)
-    with pytest.raises(dataset.DataError, match=r"its md5 is \w+, but the configuration says 0"):
+    with pytest.raises(DataError, match=r"its md5 is \w+, but the configuration says 0"):
         fetch_scan(path, tmp_path, checksums={"md5": "0"})
     sums = {"md5": hashlib.md5(archive).hexdigest()}
     fetch_scan(path, tmp_path, checksums=sums)
-    monkeypatch.setattr(fetch, "verify_checksums", None)
+    monkeypatch.setattr("icpshap.data.archive.verify_checksums", None)
     fetch_scan(path, tmp_path, checksums=sums)
 
 
@@ -391,7 +398,7 @@ def test_forbidden_names_the_user_agent(archive, tmp_path, monkeypatch):
     ):
         fetch_scan(server.url, tmp_path)
     assert len(server.ranges) == 1  # asking again would be rude
-    assert fetch.DOI in str(error.value)
+    assert citation.DOI in str(error.value)
 
 
 def test_missing_file_is_not_asked_for_twice(archive, tmp_path):
@@ -451,6 +458,7 @@ def test_a_file_that_changes_between_ranges_is_refused(scans, archive, tmp_path,
         assert not (tmp_path / "scan.csv").exists()
         if fault == "replace":
             # Pieces of the first version are not used for the second.
+            server.settle()
             server.bytes_sent = 0
             np.testing.assert_array_equal(fetch_scan(server.url, tmp_path), scans[6])
             assert server.bytes_sent == cost
@@ -470,7 +478,7 @@ def test_size_is_checked_before_anything_is_read(archive, tmp_path):
         fetch_scan(server.url, tmp_path, expected_bytes=5)
     assert server.bytes_sent <= 1
     (tmp_path / "a.zip").write_bytes(archive[:-100])
-    with pytest.raises(dataset.DataError, match=rf"`bytes: {len(archive)}`"):
+    with pytest.raises(DataError, match=rf"`bytes: {len(archive)}`"):
         fetch_scan(tmp_path / "a.zip", tmp_path, expected_bytes=len(archive))
 
 
@@ -494,8 +502,8 @@ def test_decompression_is_bounded(scans, poses, tmp_path, monkeypatch):
         ("r/leica/pose_scanner_leica.csv", poses_csv(poses[:1])),
     ]
     path = archive_of(tmp_path, members)
-    monkeypatch.setattr(fetch, "MAXIMUM_MEMBER", 1000)
-    with pytest.raises(dataset.DataError, match=r"scan 0 claims \d+ bytes, at most 1000"):
+    monkeypatch.setattr("icpshap.data.archive.MAXIMUM_MEMBER", 1000)
+    with pytest.raises(DataError, match=r"scan 0 claims \d+ bytes, at most 1000"):
         fetch_scan(path, tmp_path, 0)
 
 
@@ -510,7 +518,7 @@ def test_member_larger_than_it_claims_is_refused(scans, poses, tmp_path):
     content = path.read_bytes()
     assert content.count((5_000_000).to_bytes(4, "little")) == 2
     path.write_bytes(content.replace((5_000_000).to_bytes(4, "little"), b"\x10\0\0\0"))
-    with pytest.raises(dataset.DataError, match="scan 0 is damaged"):
+    with pytest.raises(DataError, match="scan 0 is damaged"):
         fetch_scan(path, tmp_path, 0)
     assert not (tmp_path / "scan.csv").exists()
 
@@ -519,7 +527,7 @@ def test_a_directory_of_absurd_size_is_not_read(archive, tmp_path, monkeypatch):
     monkeypatch.setattr(remote_file, "MAXIMUM_READ", 1000)
     with (
         MisbehavingServer(archive) as server,
-        pytest.raises(dataset.DataError, match=r"a table of \d+ bytes is announced"),
+        pytest.raises(DataError, match=r"a table of \d+ bytes is announced"),
     ):
         fetch_scan(server.url, tmp_path)
 
@@ -537,16 +545,16 @@ def test_a_directory_of_absurd_size_is_not_read(archive, tmp_path, monkeypatch):
     ],
 )
 def test_archives_of_another_layout(tmp_path, members, problem):
-    with pytest.raises(dataset.DataError, match=problem):
-        fetch.open_archive(archive_of(tmp_path, members), tmp_path)
+    with pytest.raises(DataError, match=problem):
+        open_archive(archive_of(tmp_path, members), tmp_path)
 
 
 @pytest.mark.parametrize("content", [b"", b"<html>Not here</html>", None])
 def test_not_a_zip(archive, tmp_path, content):
     path = tmp_path / "a.zip"
     path.write_bytes(archive[: len(archive) // 2] if content is None else content)
-    with pytest.raises(dataset.DataError, match="is not a whole ZIP archive"):
-        fetch.open_archive(path, tmp_path)
+    with pytest.raises(DataError, match="is not a whole ZIP archive"):
+        open_archive(path, tmp_path)
 
 
 def test_unreadable_compression_is_named(scans, poses, tmp_path):
@@ -561,13 +569,13 @@ def test_unreadable_compression_is_named(scans, poses, tmp_path):
     content[8] = 9  # deflate64, in the member's header
     content[content.index(b"PK\1\2") + 10] = 9  # and in the directory
     path.write_bytes(content)
-    with pytest.raises(dataset.DataError, match=r"cannot be decompressed \(That compression"):
+    with pytest.raises(DataError, match=r"cannot be decompressed \(That compression"):
         fetch_scan(path, tmp_path, 0)
 
 
 def test_plain_http_is_for_this_machine_only(tmp_path):
     with pytest.raises(remote_file.DownloadError, match="not an https address"):
-        fetch.open_archive("http://example.org/a.zip", tmp_path)
+        open_archive("http://example.org/a.zip", tmp_path)
 
 
 def test_redirection_to_plain_http_is_refused(archive, tmp_path):
@@ -579,18 +587,16 @@ def test_redirection_to_plain_http_is_refused(archive, tmp_path):
 
 
 def test_missing_local_archive(tmp_path):
-    with pytest.raises(dataset.DataError, match=r"nowhere.zip: no such archive"):
-        fetch.open_archive(tmp_path / "nowhere.zip", tmp_path)
+    with pytest.raises(DataError, match=r"nowhere.zip: no such archive"):
+        open_archive(tmp_path / "nowhere.zip", tmp_path)
 
 
 def test_full_disk_is_noticed_before_a_large_download(scans, poses, tmp_path, monkeypatch):
     content = build_archive(scans[:2], poses[:2], nested="deflated")
-    monkeypatch.setattr(
-        fetch.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 1000})
-    )
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 1000}))
     with (
         MisbehavingServer(content) as server,
-        pytest.raises(dataset.DataError, match=r"B are needed, 1.0 kB are free"),
+        pytest.raises(DataError, match=r"B are needed, 1.0 kB are free"),
     ):
         fetch_scan(server.url, tmp_path)
 
@@ -625,7 +631,7 @@ def test_progress_moves_on_a_terminal_and_is_plain_in_a_log(capsys, monkeypatch)
 def test_without_network_one_screen_says_what_to_do(tmp_path, monkeypatch, url):
     monkeypatch.setenv("NO_PROXY", "*")
     with pytest.raises(remote_file.DownloadError) as error:
-        fetch.open_archive(url, tmp_path)
+        open_archive(url, tmp_path)
     message = str(error.value)
     assert url in message and "3 attempts failed" in message
     assert "10.3929/ethz-b-000721626" in message and "archive: {path:" in message
@@ -643,18 +649,18 @@ def test_archive_on_disk_needs_no_network(archive, tmp_path, scans, monkeypatch)
 def test_sequence_as_the_configuration_describes_it(scans, archive, tmp_path):
     with MisbehavingServer(archive) as server:
         described = {"url": server.url, "bytes": len(archive)}
-        with fetch.open_sequence(described, tmp_path, SCANS) as opened:
+        with open_sequence(described, tmp_path, SCANS) as opened:
             opened.extract_scan(6, tmp_path / "6.csv")
-        np.testing.assert_array_equal(dataset.read_scan(tmp_path / "6.csv")[0], scans[6])
+        np.testing.assert_array_equal(read_scan(tmp_path / "6.csv")[0], scans[6])
         with (
-            pytest.raises(dataset.DataError, match="45 scans in the archive"),
-            fetch.open_sequence(described, tmp_path, 44),
+            pytest.raises(DataError, match="45 scans in the archive"),
+            open_sequence(described, tmp_path, 44),
         ):
             pass
     (tmp_path / "a.zip").write_bytes(archive)
-    with fetch.open_sequence({**described, "path": tmp_path / "a.zip"}, tmp_path, SCANS) as opened:
+    with open_sequence({**described, "path": tmp_path / "a.zip"}, tmp_path, SCANS) as opened:
         opened.extract_scan(7, tmp_path / "7.csv")
-    np.testing.assert_array_equal(dataset.read_scan(tmp_path / "7.csv")[0], scans[7])
+    np.testing.assert_array_equal(read_scan(tmp_path / "7.csv")[0], scans[7])
 
 
 def test_licence_and_citation():

@@ -4,7 +4,7 @@ import pytest
 import yaml
 from misbehaving_server import MisbehavingServer, build_archive
 from project import TINY, Project
-from test_fetch import member_bytes
+from test_archive import member_bytes
 
 from icpshap.data import remote_file, simulate
 
@@ -19,7 +19,7 @@ def archive():
 
 def configured(project, url, archive, scans=2):
     """Let the tiny experiment with fixed values run on the archive at `url` alone."""
-    config = yaml.safe_load(TINY.read_text())
+    config = yaml.safe_load(TINY.read_text(encoding="utf-8"))
     config["sequences"], config["run"] = ["tiny_remote"], ["tiny_fixed"]
     config["data"]["tiny_remote"] = {
         "title": "Tiny remote apartment",
@@ -27,7 +27,7 @@ def configured(project, url, archive, scans=2):
         "archive": {"url": url, "bytes": len(archive)},
     }
     config["experiments"]["tiny_fixed"]["sequences"] = ["tiny_remote"]
-    (project.folder / "remote.yaml").write_text(yaml.safe_dump(config))
+    (project.folder / "remote.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
     return "--configfile", "remote.yaml"
 
 

@@ -7,9 +7,10 @@ import pytest
 from scipy.spatial import cKDTree
 
 from icpshap import se3
-from icpshap.data import scans as dataset
 from icpshap.data import simulate
+from icpshap.data.ground_truth import ground_truth_distance
 from icpshap.data.open3d_loader import load_open3d
+from icpshap.data.scans import check_scan
 from icpshap.errors import UserError
 
 BEAMS = {"apartment": 14_000, "stairwell": 12_000, "plain": 18_500}
@@ -50,7 +51,7 @@ def test_points_poses_and_motion(sequences, scene):
         assert 10_000 <= len(cloud) <= 1.05 * BEAMS[scene]
         ranges = np.linalg.norm(cloud, axis=1)
         assert ranges.min() > simulate.MINIMUM_RANGE and ranges.max() < simulate.MAXIMUM_RANGE
-        dataset.check_scan(cloud, 1.0, scene)
+        check_scan(cloud, 1.0, scene)
     np.testing.assert_allclose(
         poses[:, :3, :3] @ poses[:, :3, :3].mT, np.tile(np.eye(3), (len(poses), 1, 1)), atol=1e-12
     )
@@ -65,7 +66,7 @@ def test_consecutive_scans_overlap_and_fit_at_the_exact_poses(sequences, scene):
         distances = cKDTree(reference).query(se3.transform(T_reference_source, source))[0]
         assert np.mean(distances <= 0.2) > least
         arguments = (reference, source, T_reference_source, 1.0)
-        assert dataset.ground_truth_distance(*arguments)[1] == ""
+        assert ground_truth_distance(*arguments)[1] == ""
 
 
 @pytest.mark.parametrize("scene", BEAMS)

@@ -1,0 +1,53 @@
+"""Formats of scan files: every module here is one, and is found by the suffixes that it names.
+
+Such a module has
+
+- ``SUFFIXES``: a tuple of file name endings, in lower case, e.g. ``(".ply",)``;
+- ``read(path)``: the points (n, 3), float64 [m], in the scanner frame, of the file at a `Path`.
+  Rows that are not finite are left in, since `scans.read_scan` counts them. A file that does not
+  fit is a DataError; an OSError becomes one in `scans.read_scan`. No count in a header is believed
+  before it is compared with the size of the file. What is slow to import is imported within it:
+  every format is imported, whether its files are read or not.
+
+Nothing else has to know of a format. A module whose name begins with ``_`` is no format but a part
+that several share.
+"""
+
+from pathlib import Path
+
+from icpshap import registry
+
+
+def _readers(modules):
+    """``read`` of each module by suffix.
+
+    Raises ImportError for a module that is no format, and for a suffix that no file name can have
+    or that two modules claim.
+    """
+    owners = {}
+    for module in modules:
+        if missing := [name for name in ("SUFFIXES", "read") if not hasattr(module, name)]:
+            raise ImportError(
+                f"{module.__file__}: no {' and no '.join(missing)}; expected both in a scan"
+                " format.\n"
+                "Hint: let the name of a module that is none begin with _."
+            )
+        for suffix in module.SUFFIXES:
+            if Path(f"scan{suffix}").suffix.lower() != suffix:
+                raise ImportError(
+                    f"{module.__file__}: SUFFIXES = {module.SUFFIXES!r}; expected a tuple of"
+                    f" suffixes like '.ply', in lower case and with one dot, found {suffix!r}.\n"
+                    'Hint: write SUFFIXES = (".ply",), the last comma included.'
+                )
+            if suffix in owners:
+                raise ImportError(
+                    f"{owners[suffix].__file__} and {module.__file__}: both have {suffix!r} in"
+                    " SUFFIXES; expected one format for each suffix.\n"
+                    "Hint: take it out of one of them."
+                )
+            owners[suffix] = module
+    return {suffix: module.read for suffix, module in owners.items()}
+
+
+# In the order of the modules' names, which is the one of suffixes in messages.
+READERS = _readers(registry.modules(__name__, __path__))

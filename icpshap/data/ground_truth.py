@@ -1,0 +1,46 @@
+"""Whether the true motion between two scans, as their poses have it, can be right."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from icpshap import se3
+
+OVERLAP_DISTANCE = 0.2  # m; the paper's distance between overlapping points
+SANITY_POINTS = 5000  # of the source at most, every k-th
+
+
+def ground_truth_distance(reference, source, T_reference_source, minimum_range):
+    """Median distance [m] from source points to their nearest reference point, and a warning.
+
+    ``reference`` and ``source``: (n, 3), each in its own scanner frame; points within
+    ``minimum_range`` [m] (the robot itself, which moves along) are left out. The warning, "" if all
+    is well, says that the median is above 0.2 m (less than half of the source overlaps), or that
+    the clouds fit better with no motion or with the inverse motion (poses of the wrong convention).
+    """
+    reference = reference[np.linalg.norm(reference, axis=1) > minimum_range]
+    source = source[np.linalg.norm(source, axis=1) > minimum_range]
+    tree = cKDTree(reference)
+    sample = source[:: -(-len(source) // SANITY_POINTS)]
+
+    def median_distance(T):
+        return float(np.median(tree.query(se3.transform(T, sample))[0]))
+
+    distance = median_distance(T_reference_source)
+    others = {
+        "with no motion at all": np.eye(4),
+        "with the inverse motion": se3.inverse(T_reference_source),
+    }
+    for description, T in others.items():
+        if (other := median_distance(T)) < 0.9 * distance:
+            return distance, (
+                f"the ground truth looks wrong: {description} the clouds are nearer to each other"
+                f" (median {other:.3f} m) than at it ({distance:.3f} m). Hint: poses map scanner to"
+                " global frame, and line k belongs to scan k."
+            )
+    if distance > OVERLAP_DISTANCE:
+        return distance, (
+            f"the ground truth looks wrong, or the scans hardly overlap: at it, half of the source"
+            f" points are farther than {distance:.3f} m from the reference (usual: below"
+            f" {OVERLAP_DISTANCE} m). Hint: check units (metres) and the order of scans and poses."
+        )
+    return distance, ""

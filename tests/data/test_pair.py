@@ -1,0 +1,81 @@
+"""A pair of scans: its overlap, and what is said of it before it is registered."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from icpshap import se3, tables
+from icpshap.causes.partial_overlap import PartialOverlap
+from icpshap.data.pair import describe_pair, read_pair, relative_pose
+from icpshap.errors import DataError, PerturbationError
+
+
+def described(pair, **changes):
+    given = {"levels": (), "minimum_overlap": 0.1, "minimum_range": 1.0, **changes}
+    return describe_pair(pair, "room", (0, 1), **given)
+
+
+def test_overlap_counts_source_points_near_the_reference(room_pair):
+    moved = se3.transform(room_pair.T_reference_source, room_pair.source)
+    distances = np.linalg.norm(moved[:, None] - room_pair.reference[None], axis=2).min(axis=1)
+    np.testing.assert_array_equal(room_pair.overlapping, distances <= 0.2)
+    assert room_pair.overlap == (distances <= 0.2).sum() / len(room_pair.reference)
+
+
+def test_a_description_has_the_columns_of_its_table(room_pair):
+    row = described(room_pair)
+    assert set(row) == {column.name for column in tables.columns("pairs")}
+    assert row["registered"] and row["reason"] == row["warning"] == ""
+
+
+def test_too_little_overlap_is_a_reason_and_no_error(room_pair):
+    few = replace(room_pair, overlapping=np.arange(len(room_pair.source)) < 100)
+    row = described(few, levels=[(PartialOverlap(), 0.9)])
+    assert not row["registered"]
+    assert row["reason"] == "overlap ratio 0.0333 is not above 0.1"
+
+
+def test_a_level_that_cannot_be_applied_names_pair_and_cause(room_pair):
+    expected = r"room, scans 0 and 1: partial_overlap 1 is larger than their overlap ratio.*\nHint"
+    half = replace(room_pair, overlapping=np.arange(len(room_pair.source)) < 1500)
+    with pytest.raises(PerturbationError, match=expected):
+        described(half, levels=[(PartialOverlap(), 1)])
+
+
+def test_an_overlap_ratio_above_one_is_said(room_pair):
+    """The source has more points than the reference, by whose number the paper counts."""
+    few = replace(room_pair, reference=room_pair.reference[::2])
+    row = described(few)
+    assert row["overlap"] > 1
+    assert "the overlap ratio is 2.00, above 1: the source has more points" in row["warning"]
+
+
+def test_a_scan_of_too_few_points_is_named(room_pair):
+    with pytest.raises(DataError, match=r"room, scan 0: 0 of 3000 points .*\nHint"):
+        described(room_pair, minimum_range=100.0)
+
+
+def test_a_pair_comes_back_from_its_tables(room_pair, tmp_path):
+    poses = np.stack([np.eye(4), room_pair.T_reference_source])
+    frames = {
+        "reference": (tables.points_frame(room_pair.reference), "scan", {}),
+        "source": (tables.points_frame(room_pair.source), "scan", {}),
+        "poses": (tables.poses_frame(poses), "poses", {}),
+        "overlap": (
+            pd.DataFrame({"overlapping": room_pair.overlapping}),
+            "overlap",
+            {"distance": 0.2},
+        ),
+    }
+    for name, (frame, table, about) in frames.items():
+        tables.write(tmp_path / name, frame, table, about)
+    found = read_pair(*(tmp_path / name for name in frames), (0, 1))
+    other = frames["overlap"][0].iloc[:-1]
+    tables.write(tmp_path / "other", other, "overlap", {"distance": 0.2})
+    with pytest.raises(DataError, match=r"other: 2999 marks of overlap for 3000 points .*source"):
+        read_pair(*(tmp_path / name for name in ("reference", "source", "poses", "other")), (0, 1))
+    for name in ("reference", "source", "T_reference_source", "overlapping", "overlap_distance"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(room_pair, name))
+    np.testing.assert_array_equal(relative_pose(poses, 0, 1), room_pair.T_reference_source)
