@@ -7,6 +7,12 @@ one above, so that crowded space is cut finer. A cube is split only while its li
 once so many candidates have been scanned in it that the split will pay, which bounds the time and
 the memory of filling.
 
+Where very many points lie closer together than any cube can tell apart, lists are long whatever is
+filled. So filling has a budget, a fixed number of candidates for each reference point and for each
+query, which ordinary scans use by less than half; beyond it, and wherever a list is too long for
+the network, the tree answers, whose time such points do not change. Of coincident points, only
+those with the lowest indices enter a list at all.
+
 Exactness: let c be the cube's centre and e half its side. Point s is nearer than q to *every* x of
 the cube if |q-c|^2 - |s-c|^2 > 2 e |q-s|_1, a half-space that contains a box. A point is dropped
 only if k others are nearer to every x in this sense (with a margin far above rounding), so no
@@ -35,6 +41,8 @@ WORTH_SPLITTING = 131_072  # candidates scanned in a cube before it is split
 DOMINATORS = 16  # points beyond the k nearest to the centre that are tried as the nearer point
 HEADER = 4  # integers before the points of a record: length, candidates scanned, group, cell
 TOGETHER = 64  # queries located together
+BUDGET_POINT = 1024  # candidates that fills may read, for each reference point
+BUDGET_QUERY = 256  # and for each query until then
 
 
 class Lists(NamedTuple):
@@ -49,7 +57,8 @@ class Lists(NamedTuple):
     records: np.ndarray  # int32: the lists, HEADER and positions in tree order
     coarse: np.ndarray  # (n, 4) float32 points in tree order
     largest: float  # coordinate of any point or query in the cubed box [m]
-    used: np.ndarray  # (2,) int64: cells and record integers in use
+    # (4,) int64: cells and record integers in use, candidates read by fills, queries located
+    used: np.ndarray
     scratch: np.ndarray  # (n,) int32 candidates of a coarsest cube
     columns: np.ndarray  # (4, n) their x, y, z [m] and squared distance to the cube's centre
     nearer: np.ndarray  # (n,) int64 points known to be nearer to the whole cube
@@ -76,7 +85,7 @@ def empty_lists(tree):
         records=np.empty(min(1_000_000 + 300 * n, LARGEST_INDEX), dtype=np.int32),
         coarse=tree.points.astype(np.float32),
         largest=float(np.abs([low - margin, low - margin + shape * side]).max()),
-        used=np.array([coarsest, 0]),
+        used=np.array([coarsest, 0, 0, 0]),
         scratch=np.empty(n, dtype=np.int32),
         columns=np.empty((4, n)),
         nearer=np.empty(n, dtype=np.int64),
@@ -89,6 +98,7 @@ def _fill(tree, lists, matches, cell, cx, cy, cz, half, candidates, best, best_d
     points, records, used, nearer = tree.points, lists.records, lists.used, lists.nearer
     x, y, z, distance = lists.columns[0], lists.columns[1], lists.columns[2], lists.columns[3]
     count = candidates.shape[0]
+    used[2] += count
     tried = min(matches + DOMINATORS, count)
     best_distance[:tried] = np.inf
     for k in range(count):
@@ -135,7 +145,7 @@ def _fill(tree, lists, matches, cell, cx, cy, cz, half, candidates, best, best_d
 def _fill_coarsest(tree, lists, matches, cell, cx, cy, cz, half, best, best_distance, stack):
     kdtree.nearest(tree, cx, cy, cz, matches, np.inf, best, best_distance, 0, stack)
     radius = (math.sqrt(best_distance[matches - 1]) + 4.0 * half) * (1.0 + 1e-6)
-    count = kdtree.within(tree, cx, cy, cz, radius, lists.scratch, stack)
+    count = kdtree.within(tree, cx, cy, cz, radius, matches, lists.scratch, stack)
     return _fill(
         tree, lists, matches, cell, cx, cy, cz, half, lists.scratch[:count], best, best_distance
     )
@@ -160,15 +170,17 @@ def divide(lists, record):
 
 @jit
 def _fill_on_the_way(tree, lists, matches, ix, iy, iz, best, best_distance, stack):
-    """Walk to a cube that has no list yet and fill it; returns its record, -1 without room.
+    """Walk to a cube that has no list yet and fill it; returns its record.
 
-    ix, iy, iz: the finest cube. Lists that are too long for the network are divided at once.
+    -1, or that of a cube around it, if there is no room left, or no budget. ix, iy, iz: the finest
+    cube. Lists that are too long for the network are divided at once.
     """
     origin, shape, cells = lists.origin, lists.shape, lists.cells
     records, used = lists.records, lists.used
     last = LEVELS - 1
     side = lists.side[0] / (1 << last)
     coarsest = shape[0] * shape[1] * shape[2]
+    budget = BUDGET_POINT * tree.points.shape[0] + BUDGET_QUERY * used[3]
     cell = ((iz >> last) * shape[1] + (iy >> last)) * shape[0] + (ix >> last)
     children = np.int64(-1)
     level = last
@@ -182,14 +194,16 @@ def _fill_on_the_way(tree, lists, matches, ix, iy, iz, best, best_distance, stac
             named = cell if level > 0 else np.int64(-1)
             half = 0.5 * width
             if level == last:
-                if used[1] + HEADER + tree.points.shape[0] > records.shape[0]:
+                room = used[1] + HEADER + tree.points.shape[0] <= records.shape[0]
+                if not room or used[2] > budget:
                     return np.int64(-1)
                 record = _fill_coarsest(
                     tree, lists, matches, named, cx, cy, cz, half, best, best_distance, stack
                 )
             else:
                 record = np.int64(lists.parent[(children - coarsest) >> 3])
-                if used[1] + HEADER + records[record] > records.shape[0]:
+                room = used[1] + HEADER + records[record] <= records.shape[0]
+                if not room or used[2] > budget:
                     return record
                 inherited = records[record + HEADER : record + HEADER + records[record]]
                 record = _fill(
@@ -234,6 +248,7 @@ def locate(tree, lists, matches, x, y, z, count, where):
     best = np.empty(matches + DOMINATORS, np.int32)
     best_distance = np.empty(matches + DOMINATORS)
     stack = np.empty(kdtree.STACK, np.int32)
+    lists.used[3] += count
     finest = np.empty((TOGETHER, 3), np.int64)
     inside = np.empty(TOGETHER, np.bool_)
     turns = np.empty(TOGETHER, np.int64)  # the way down, three bits a level
@@ -281,7 +296,7 @@ def forget(lists):
     """Empty the lists again, when little room is left for new ones."""
     coarsest = int(np.prod(lists.shape))
     lists.cells[: lists.used[0]] = UNFILLED
-    lists.used[:] = coarsest, 0
+    lists.used[:2] = coarsest, 0
 
 
 def nearly_full(lists):

@@ -16,7 +16,13 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-jit = functools.partial(numba.njit, cache=True, error_model="numpy")
+from icpshap.icp.healing import heal
+
+
+def jit(function):
+    """The function, compiled when it is first called."""
+    return heal(numba.njit(function, cache=True, error_model="numpy"))
+
 
 log = logging.getLogger(__name__)
 

@@ -7,7 +7,8 @@ time. Each list is then read once for all the queries in its cube, sixteen queri
 Exactness: the network orders candidates in single precision and tells for which queries it is
 sure of the order; the others are repeated with full distances, equal ones by lowest index. All
 distances that are passed on are computed by the same operations as in the k-d tree, which answers
-the queries outside the lists: which way a query is answered cannot be seen in the result.
+the queries outside the lists, and those whose list is too long for the network: which way a query
+is answered cannot be seen in the result.
 
 Measured: docs/engine.md.
 """
@@ -134,10 +135,14 @@ def match(tree, lists, matches, limit, count, work, found, distance, stack):
             if records[record + 1] < WORTH_SPLITTING <= scanned:
                 divide(lists, record)
             records[record + 1] = min(scanned, WORTH_SPLITTING)
+        if length > LONGEST:
+            for row in range(begin, end):
+                x, y, z = ordered[row, 0], ordered[row, 1], ordered[row, 2]
+                link = np.int64(ordered[row, 3]) * matches
+                kdtree.nearest(tree, x, y, z, matches, limit, found, distance, link, stack)
+            begin = end
         while begin < end:
-            if length > LONGEST:
-                undecided = np.uint64(2**LANES - 1)
-            elif matches == 1:
+            if matches == 1:
                 undecided = nearest_one(
                     coarse, records, first, length, ordered, begin, largest, place
                 )

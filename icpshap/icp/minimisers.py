@@ -26,6 +26,7 @@ from icpshap.icp.compiled import jit
 
 PLANE, POINT = 0, 1
 SINGULAR = 1e-12  # smallest against largest eigenvalue below which a direction is unobservable
+ROUNDING = 2.0**-53  # of one term of a sum, relative; a sum of n terms has rounded n times
 
 
 @jit
@@ -68,7 +69,10 @@ class PointToPlane:
         # Unit diagonal: whether it is singular must not depend on the unit of length.
         scale = np.sqrt(np.maximum(np.diagonal(normal_matrix, axis1=1, axis2=2), 1e-300))
         values, vectors = np.linalg.eigh(normal_matrix / (scale[:, :, None] * scale[:, None, :]))
-        determined = values[:, 0] > SINGULAR * values[:, -1]
+        # Equal links round alike, sum after sum; of unit normals, the squares sum to the links.
+        links = gram[:, 3, 3] + gram[:, 4, 4] + gram[:, 5, 5]
+        rounding = 6 * ROUNDING * links
+        determined = values[:, 0] > np.maximum(SINGULAR, rounding) * values[:, -1]
         values[~determined] = 1.0
         coefficients = np.einsum("rij,ri->rj", vectors, right / scale) / values
         x = np.einsum("rij,rj->ri", vectors, coefficients) / scale
@@ -96,8 +100,10 @@ class PointToPoint:
         sum_pq = gram[:, :3, :3] - gram[:, :3, 3:6]
         covariance = sum_pq / count[:, :, None] - p_mean[:, :, None] * q_mean[:, None, :]
         u, values, vt = np.linalg.svd(covariance)
-        # Two directions fix a rotation; on a line, any turn about it fits as well.
-        determined = values[:, 1] > SINGULAR * values[:, 0]
+        # Two directions fix a rotation; on a line, any turn about it fits as well. Coincident
+        # points leave of the difference of two sums what both have rounded.
+        squares = np.einsum("rii->r", gram[:, :6, :6])
+        determined = values[:, 1] > np.maximum(SINGULAR * values[:, 0], 8 * ROUNDING * squares)
         mirrored = np.linalg.det(u) * np.linalg.det(vt) < 0
         vt[mirrored, 2] *= -1.0
         rotation = np.einsum("rij,rjk->rki", u, vt)

@@ -15,6 +15,7 @@ Measured: docs/engine.md.
 
 import numpy as np
 
+from icpshap.icp import pivots
 from icpshap.icp.compiled import jit
 
 SAMPLE = 4096  # links from which the first band is estimated
@@ -27,8 +28,15 @@ ROOM = 0.16  # share of a run's links that a band may hold
 def select(values, count, rank):
     """The `rank`-th smallest (0-based) of values[:count], which is reordered (quickselect)."""
     low, high = 0, count - 1
+    patience = pivots.PATIENCE * count
+    number = pivots.FIRST
     while low < high:
-        a, b, c = values[low], values[(low + high) >> 1], values[high]
+        first, middle, last = low, (low + high) >> 1, high
+        patience -= high - low
+        if patience < 0:
+            number = pivots.drawn(number)
+            first = middle = last = pivots.place(number, low, high)
+        a, b, c = values[first], values[middle], values[last]
         pivot = max(min(a, b), min(max(a, b), c))
         i, j = low, high
         while i <= j:

@@ -6,7 +6,7 @@ import pytest
 from conftest import folder_in
 
 from icpshap import icp
-from icpshap.data import scans as dataset
+from icpshap.data.scans import read_scan
 from icpshap.icp import kdtree
 from icpshap.icp.candidates import HEADER, LEVELS, WORTH_SPLITTING
 from icpshap.icp.matching import match, work_arrays
@@ -102,7 +102,7 @@ def test_same_matches_as_brute_force(name, matches):
 @pytest.mark.parametrize("matches", [1, 2, 3, 4, 5])
 def test_same_matches_as_brute_force_on_real_scans(matches):
     folder = folder_in("ICPSHAP_REAL_DATA") / "apartment_pair" / "csv_local"
-    cloud, source = (dataset.read_scan(folder / f"Hokuyo_{k}.csv")[0] for k in (0, 1))
+    cloud, source = (read_scan(folder / f"Hokuyo_{k}.csv")[0] for k in (0, 1))
     rng = np.random.default_rng(matches)
     queries = np.vstack([source[rng.permutation(len(source))[:200]], queries_for(cloud, rng)[::40]])
     distance, index, queries, reference = engine_matches(cloud, queries, matches)

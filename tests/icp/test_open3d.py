@@ -7,8 +7,9 @@ from conftest import PAPER_CONFIG, REPOSITORY, folder_in
 from scipy.spatial.transform import Rotation
 
 from icpshap import icp, se3
-from icpshap.data import scans as dataset
 from icpshap.data.open3d_loader import load_open3d
+from icpshap.data.poses import read_poses
+from icpshap.data.scans import read_scan
 from icpshap.data.simulate import simulate_poses, simulate_scan
 
 RUNS = 100
@@ -30,8 +31,8 @@ def demo_scans(sequence):
 
 def real_scans():
     folder = folder_in("ICPSHAP_REAL_DATA") / "apartment_pair"
-    scans = [dataset.read_scan(folder / "csv_local" / f"Hokuyo_{k}.csv")[0] for k in (0, 1)]
-    T = dataset.read_poses(folder / "leica" / "pose_scanner_leica.csv", 2)
+    scans = [read_scan(folder / "csv_local" / f"Hokuyo_{k}.csv")[0] for k in (0, 1)]
+    T = read_poses(folder / "leica" / "pose_scanner_leica.csv", 2)
     return scans, se3.inverse(T[0]) @ T[1]
 
 
