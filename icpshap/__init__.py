@@ -1,8 +1,22 @@
 """icpshap: why is this point cloud registration uncertain?"""
 
+from importlib import import_module
 
-def load_explanation(path):
-    """The shap.Explanation of a shap.parquet, see `icpshap.explanation.load_explanation`."""
-    from icpshap.explanation import games as explanation
+# Where each public name lives; it is imported when it is used, since some of them take a second.
+_HOMES = {
+    "PAPER": "icpshap.presets",
+    "RELEASED_CODE": "icpshap.presets",
+    "ROBUST": "icpshap.presets",
+    "load_explanation": "icpshap.explanation.games",
+}
+__all__ = sorted(_HOMES)
 
-    return explanation.load_explanation(path)
+
+def __getattr__(name):
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__():
+    return __all__

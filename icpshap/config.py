@@ -1,25 +1,29 @@
-"""From a configuration to typed settings, with every error of it reported at once.
+"""From a configuration to typed experiments, with every error of it reported at once.
 
-The schema (workflow/schemas/config.schema.yaml) says which keys there are, their types and ranges;
-this module adds what a schema cannot say: names that must exist, pairs that must lie in a sequence.
+The schema (`schema`, made from the options) says which keys there are, their types and ranges; this
+module adds what a schema cannot say: names that must exist, pairs that must lie in a sequence,
+causes and options that must go together.
 """
 
 import difflib
+from collections import Counter
 from dataclasses import dataclass
-from functools import cache
-from math import isfinite
+from math import isfinite, prod
 from pathlib import Path
 
 import yaml
 from jsonschema import Draft202012Validator
 
+from icpshap import presets, schema
+from icpshap.causes import CAUSES, MOST, named
 from icpshap.errors import UserError
-from icpshap.parameters import Estimator, Perturbation
+from icpshap.estimators import KINDS
+from icpshap.estimators.perturb import Perturbation
+from icpshap.presets import DEFAULT_KIND, Preset
+from icpshap.schema import EXPERIMENT_KEYS
 
-SCHEMA = Path(__file__).parent.parent / "workflow" / "schemas" / "config.schema.yaml"
 
-
-class SettingsError(UserError):
+class ConfigError(UserError):
     """The configuration is wrong; the message lists every error."""
 
 
@@ -37,18 +41,25 @@ class Sequence:
 
     @property
     def kind(self):
-        return next(kind for kind in KINDS if getattr(self, kind) is not None)
+        return next(kind for kind in DATA_KINDS if getattr(self, kind) is not None)
 
 
-KINDS = ("archive", "folder", "simulated")
+MOST_SETTINGS = 100_000  # of a pair; the paper's grid has 1,331
+DATA_KINDS = ("archive", "folder", "simulated")
 # Folders of results/ and results/<experiment>/ that hold something else.
 RESERVED = {"experiments": ("comparison",), "data": ("figures", "tables")}
-EXPERIMENT_KEYS = ("estimator", "pairs", "instances", "figures")
+# Couples of the paper's dependence plots: the Shapley value of the first, coloured by the second.
+PAPER_COUPLES = (
+    ("sensor_noise", "initial_pose"),
+    ("initial_pose", "partial_overlap"),
+    ("partial_overlap", "initial_pose"),
+)
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Pairs by sequence, and levels by uncertainty source; every combination is explained."""
+    """Pairs by sequence, and levels by cause, in the order of the registry; every combination of
+    levels is explained."""
 
     name: str
     estimator: str
@@ -57,11 +68,17 @@ class Experiment:
     replicates: int
     figures: tuple[str, ...]
     waterfall: dict[str, float] | None
+    dependence: tuple[tuple[str, str], ...]
     scenes: dict[str, tuple[tuple[int, int], ...]]
+
+    @property
+    def causes(self):
+        """Names of the players."""
+        return tuple(self.levels)
 
 
 @dataclass(frozen=True)
-class Settings:
+class Config:
     """The whole configuration. `sequences` and `run` select among `data` and `experiments`."""
 
     seed: int
@@ -70,23 +87,24 @@ class Settings:
     runs_per_job: int
     perturbation: Perturbation
     data: dict[str, Sequence]
-    estimators: dict[str, Estimator]
+    estimators: dict[str, Preset]
     experiments: dict[str, Experiment]
 
 
 def load(config):
-    """Typed settings of a configuration mapping.
+    """The typed `Config` of a configuration mapping.
 
     Strings in the place of numbers are accepted: that is how ``--config 'a={b: 1}'`` and YAML's
-    ``1e-3`` arrive; so are integers written like 1e2. Raises SettingsError with one line for every
+    ``1e-3`` arrive; so are integers written like 1e2. Raises ConfigError with one line for every
     error.
     """
-    schema = read_schema()
-    config = _coerce(config, schema)
+    kinds = _kinds(config)
+    rules = schema.with_kinds({name: kind for name, kind in kinds.items() if kind in KINDS})
+    config = _coerce(config, rules)
     non_finite = dict(_non_finite(config))
     violations = [
         violation
-        for violation in _leaves(Draft202012Validator(schema).iter_errors(config))
+        for violation in _leaves(Draft202012Validator(rules).iter_errors(config))
         if tuple(violation.absolute_path) not in non_finite
     ]
     broken = {path[:2] for path in non_finite} | {
@@ -99,16 +117,16 @@ def load(config):
         "Hint: give a number, or null where that means no limit"
         for path, value in non_finite.items()
     ]
-    errors += [line for violation in violations for line in _describe(violation)]
+    errors += [line for violation in violations for line in _describe(violation, kinds)]
     errors += _inconsistencies(config, broken)
     if errors:
         errors = list(dict.fromkeys(errors))
         lines = "\n".join(f"  - {error}" for error in errors)
-        raise SettingsError(
+        raise ConfigError(
             f"The configuration has {len(errors)} error(s):\n{lines}\n"
             "Hint: config.yaml explains every key; config/demo.yaml shows how to override them."
         )
-    return Settings(
+    return Config(
         seed=config["seed"],
         sequences=tuple(config["sequences"]),
         run=tuple(config["run"]),
@@ -116,7 +134,7 @@ def load(config):
         perturbation=Perturbation(**config["perturbation"]),
         data={key: _sequence(key, block) for key, block in config["data"].items()},
         estimators={
-            name: Estimator(**_inherited(config["estimators"], name))
+            name: Preset.of(**_inherited(config["estimators"], name))
             for name in config["estimators"]
         },
         experiments={
@@ -126,21 +144,58 @@ def load(config):
     )
 
 
+def check_file(path):
+    """Raise ConfigError if a mapping of a YAML file names a key twice, which YAML would not say."""
+    twice = []
+    _find_twice(yaml.compose(Path(path).read_text(encoding="utf-8")), (), twice)
+    if twice:
+        lines = "\n".join(
+            f"  - line {line}: {_dotted(where)} is there twice" for where, line in twice
+        )
+        raise ConfigError(
+            f"{path}: {len(twice)} key(s) are given twice:\n{lines}\n"
+            "Hint: keep one of each; the last would win without a word."
+        )
+
+
+def _find_twice(node, path, found):
+    if isinstance(node, yaml.MappingNode):
+        counted = Counter()
+        for key, value in node.value:
+            where = (*path, key.value)
+            counted[key.value] += 1
+            if counted[key.value] == 2:
+                found.append((where, key.start_mark.line + 1))
+            _find_twice(value, where, found)
+    elif isinstance(node, yaml.SequenceNode):
+        for number, item in enumerate(node.value):
+            _find_twice(item, (*path, number), found)
+
+
 def expand_levels(levels):
-    """Levels of one uncertainty source: a list as it is, else round(start + k step, 12)."""
+    """Levels of one cause: a list as it is, else round(start + k step, 12)."""
     if isinstance(levels, list):
         return tuple(float(level) for level in levels)
     start, stop, step = (float(levels[key]) for key in ("start", "stop", "step"))
-    count = int((stop - start) / step + 1e-9) + 1
+    count = int(min((stop - start) / step + 1e-9, schema.MOST_LEVELS)) + 1
     return tuple(round(start + k * step, 12) for k in range(count))
 
 
-@cache
-def read_schema():
-    return yaml.safe_load(SCHEMA.read_text())
-
-
 # --- building -------------------------------------------------------------------------------------
+
+
+def _kinds(config):
+    """The kind of each estimator, as far as it can be told, by name of the estimator."""
+    blocks = config.get("estimators") if isinstance(config, dict) else None
+    blocks = blocks if isinstance(blocks, dict) else {}
+    blocks = {name: block for name, block in blocks.items() if isinstance(block, dict)}
+    found = {}
+    for name in blocks:
+        try:
+            found[name] = _inherited(blocks, name).get("kind", DEFAULT_KIND)
+        except _Unresolved:
+            continue
+    return found
 
 
 def _sequence(key, block):
@@ -149,17 +204,13 @@ def _sequence(key, block):
         title=block.get("title", key),
         scans=block["scans"],
         drop_non_finite=block.get("drop_non_finite", False),
-        **{kind: block.get(kind) for kind in KINDS},
+        **{kind: block.get(kind) for kind in DATA_KINDS},
     )
 
 
 def _experiment(name, block, config):
-    instances = block["instances"]
-    grid = instances.get("grid") or {key: [value] for key, value in instances["fixed"].items()}
-    levels = {source: expand_levels(grid[source]) for source in grid}
-    waterfall = block.get("waterfall")
-    if waterfall is None and "fixed" in instances:
-        waterfall = instances["fixed"]
+    levels = _levels(block["instances"])
+    waterfall = block.get("waterfall") or block["instances"].get("fixed")
     if block["pairs"] == "consecutive":
         pairs = {
             sequence: tuple((i, i + 1) for i in range(config["data"][sequence]["scans"] - 1))
@@ -167,6 +218,7 @@ def _experiment(name, block, config):
         }
     else:
         pairs = _by_sequence(block["pairs"])
+    couples = [couple for couple in PAPER_COUPLES if set(couple) <= set(levels)]
     return Experiment(
         name=name,
         estimator=block["estimator"],
@@ -174,9 +226,16 @@ def _experiment(name, block, config):
         levels=levels,
         replicates=block.get("replicates", 1),
         figures=tuple(block["figures"]),
-        waterfall=waterfall and {key: float(value) for key, value in waterfall.items()},
+        waterfall=waterfall and {cause: float(waterfall[cause]) for cause in levels},
+        dependence=tuple(tuple(couple) for couple in block.get("dependence", couples)),
         scenes=_by_sequence(block.get("scenes", [])),
     )
+
+
+def _levels(instances):
+    """Levels by cause of a grid or a fixed instance, in the order of the registry."""
+    grid = instances.get("grid") or {name: [value] for name, value in instances["fixed"].items()}
+    return {cause.name: expand_levels(grid[cause.name]) for cause in named(grid)}
 
 
 def _by_sequence(pairs):
@@ -244,19 +303,22 @@ def _inconsistencies(config, broken):
     for name in estimators:
         if not any(path[0] == "estimators" for path in broken):
             yield from _estimator_inconsistencies(name, estimators)
+    sound = not any(path[0] == "estimators" for path in broken)
     for name in experiments:
         if not any(path[0] in ("experiments", "data") for path in broken):
             block, errors = _complete("experiments", experiments, name, EXPERIMENT_KEYS)
             yield from errors or _experiment_inconsistencies(
                 f"experiments.{name}", block, data, estimators
             )
+            if sound and not errors:
+                yield from _what_the_estimator_cannot(f"experiments.{name}", block, estimators)
 
 
 def _sequence_inconsistencies(where, block):
-    kinds = [kind for kind in KINDS if block.get(kind) is not None]
+    kinds = [kind for kind in DATA_KINDS if block.get(kind) is not None]
     if len(kinds) != 1:
         yield (
-            f"{where}: expected exactly one of {', '.join(KINDS)}, "
+            f"{where}: expected exactly one of {', '.join(DATA_KINDS)}, "
             f"found {', '.join(kinds) or 'none'}. "
             "Hint: `archive: null` unsets a key of config.yaml"
         )
@@ -266,20 +328,69 @@ def _sequence_inconsistencies(where, block):
 
 
 def _estimator_inconsistencies(name, estimators):
-    block, errors = _complete("estimators", estimators, name, Estimator.__dataclass_fields__)
+    block, errors = _complete("estimators", estimators, name, ())
     if errors:
         yield from errors
         return
-    if block["bias_correction"] == "wishart" and block["common_random_numbers"]:
+    kind = block.get("kind", DEFAULT_KIND)
+    foreign = [key for key in block if key not in ("kind", "based_on", *presets.option_names(kind))]
+    if foreign:
+        base = estimators[name]["based_on"]
+        yield (
+            f"estimators.{name}: {', '.join(foreign)} of `based_on: {base}` "
+            f"are no options of the kind {kind}. "
+            "Hint: leave based_on out; every option has a default"
+        )
+        return
+    preset = Preset.of(**block)
+    returns, draws = preset.estimator.kind.returns, preset.estimator.perturbing.noise_draws
+    correction = preset.method.bias_correction
+    if correction == "wishart" and not returns.exchangeable:
+        yield (
+            f"estimators.{name}.bias_correction: wishart holds for independent samples, which the "
+            f"kind {kind} does not return. Hint: use none"
+        )
+    elif correction == "wishart" and preset.estimator.perturbing.common_random_numbers:
         yield (
             f"estimators.{name}.bias_correction: wishart holds for independent samples only. "
             "Hint: use jackknife, or common_random_numbers: false"
         )
-    if block["runs"] % block["noise_draws"]:
+    if correction == "jackknife" and not returns.units(draws):
         yield (
-            f"estimators.{name}.noise_draws: {block['noise_draws']} does not divide "
-            f"runs: {block['runs']}"
+            f"estimators.{name}.bias_correction: jackknife leaves out independent runs, which the "
+            f"kind {kind} does not return, or noise draws, of which there is one. "
+            "Hint: use none, or more noise_draws"
         )
+    runs = preset.estimator.number_of_runs
+    if runs % draws:
+        yield f"estimators.{name}.noise_draws: {draws} does not divide runs: {runs}"
+
+
+def _what_the_estimator_cannot(where, block, estimators):
+    """Causes of an experiment that its estimator cannot see, or does not let act together."""
+    if block["estimator"] not in estimators:
+        return
+    try:
+        preset = Preset.of(**_inherited(estimators, block["estimator"]))
+    except (_Unresolved, TypeError):
+        return
+    players = [preset.estimator.causes[name] for name in _levels(block["instances"])]
+    sees = preset.estimator.kind.sees
+    for cause in players:
+        if sees is not None and cause.name not in sees:
+            yield (
+                f"{where}.estimator: the kind {preset.estimator.kind.name} cannot see "
+                f"{cause.name}. "
+                f"Hint: name only {', '.join(sees)}, or another estimator"
+            )
+    replacing = [cause for cause in preset.estimator.causes.values() if cause.acts_when_off]
+    for cause in players if replacing else []:
+        if cause.hook() in ("keep", "thin") and cause not in replacing:
+            yield (
+                f"{where}.estimator: {cause.name} removes rows of the raw source, which "
+                f"{replacing[0].name} of {block['estimator']} replaces by others. "
+                "Hint: leave one of them out, or set overlap_removal: raw"
+            )
 
 
 def _experiment_inconsistencies(where, block, data, estimators):
@@ -329,23 +440,75 @@ def _is_registered(pair, block):
 
 def _instance_inconsistencies(where, block):
     instances = block["instances"]
-    for source, levels in instances.get("grid", {}).items():
+    ((form, causes),) = instances.items()
+    here = f"{where}.instances.{form}"
+    if len(causes) > MOST:
+        yield (
+            f"{here}: {len(causes)} causes, expected at most {MOST}: an instance of M causes is "
+            f"2^M settings, here {2 ** len(causes):,}, and each is run. "
+            "Hint: leave out causes; what is not named is off"
+        )
+    for name, levels in causes.items() if form == "grid" else ():
         if isinstance(levels, dict) and levels["stop"] < levels["start"]:
-            yield f"{where}.instances.grid.{source}: stop {levels['stop']} is below start"
-        elif source == "initial_pose" and min(expand_levels(levels)) <= 0:
-            yield f"{where}.instances.grid.initial_pose: the scale s must be above 0"
-        elif source == "partial_overlap" and max(expand_levels(levels)) > 1:
-            yield f"{where}.instances.grid.partial_overlap: lambda must be at most 1"
-        elif "waterfall" in block and block["waterfall"][source] not in expand_levels(levels):
-            known = ", ".join(f"{level:.12g}" for level in expand_levels(levels))
+            yield f"{here}.{name}: stop {levels['stop']} is below start"
+            return
+        expanded = expand_levels(levels)
+        if len(expanded) > schema.MOST_LEVELS:
             yield (
-                f"{where}.waterfall.{source}: {block['waterfall'][source]} is not a level of the "
+                f"{here}.{name}: more than {schema.MOST_LEVELS} levels. "
+                "Hint: a larger step, or a smaller range"
+            )
+            return
+        if len(set(expanded)) < len(expanded):
+            yield (
+                f"{here}.{name}: levels are equal after rounding to 12 decimals. "
+                "Hint: a larger step"
+            )
+            return
+    if form == "grid":
+        settings = prod(
+            len({CAUSES[n].off, *expand_levels(levels)}) for n, levels in causes.items()
+        )
+        if settings > MOST_SETTINGS:
+            yield (
+                f"{here}: {settings:,} settings a pair, expected at most {MOST_SETTINGS:,}. "
+                "Hint: fewer levels or fewer causes"
+            )
+    waterfall = block.get("waterfall")
+    if waterfall is not None:
+        yield from _waterfall_inconsistencies(where, waterfall, form, causes)
+    elif "waterfall" in block["figures"] and form == "grid":
+        yield f"{where}.waterfall: missing; figures asks for a waterfall plot of an instance"
+    for couple in block.get("dependence", []):
+        for name in couple:
+            if name not in causes:
+                yield (
+                    f"{where}.dependence: {_unknown(name, causes, 'cause of the experiment')} "
+                    "Hint: name it under instances"
+                )
+
+
+def _waterfall_inconsistencies(where, waterfall, form, causes):
+    for name in causes:
+        if name not in waterfall:
+            yield (
+                f"{where}.waterfall: missing {name}; the instance needs a value of each cause that "
+                f"instances.{form} names"
+            )
+        elif form == "grid" and waterfall[name] not in expand_levels(causes[name]):
+            known = ", ".join(f"{level:.12g}" for level in expand_levels(causes[name]))
+            yield (
+                f"{where}.waterfall.{name}: {waterfall[name]} is not a level of the "
                 f"grid. Hint: its levels are {known}"
             )
-    if "fixed" in instances and block.get("waterfall", instances["fixed"]) != instances["fixed"]:
+    for name in waterfall:
+        if name not in causes:
+            yield (
+                f"{where}.waterfall.{name}: instances.{form} does not name this cause, so it is "
+                "off. Hint: leave it out here, or give it levels there"
+            )
+    if form == "fixed" and set(waterfall) == set(causes) and waterfall != causes:
         yield f"{where}.waterfall: is not the fixed instance"
-    if "waterfall" in block["figures"] and "grid" in instances and "waterfall" not in block:
-        yield f"{where}.waterfall: missing; figures asks for a waterfall plot of an instance"
 
 
 def _unknown(name, names, what="name"):
@@ -359,20 +522,12 @@ def _unknown(name, names, what="name"):
 # --- the schema -----------------------------------------------------------------------------------
 
 
-def _resolve_reference(schema):
-    while "$ref" in schema:
-        schema = {**read_schema()["$defs"][schema["$ref"].rsplit("/", 1)[1]]}
-    return schema
-
-
 def _coerce(value, schema):
     """The value with the numbers, truth values and nulls that the schema wants, where it has them.
 
     Strings are read; integral floats are integers where the schema wants integers.
     """
-    schema = _resolve_reference(schema)
     for branch in schema.get("oneOf", []):
-        branch = _resolve_reference(branch)
         if {"array": list, "object": dict, "string": str}[branch["type"]] is type(value):
             return _coerce(value, branch)
     if isinstance(value, dict):
@@ -428,13 +583,15 @@ def _is_other_type(cause):
     return cause.validator == "type" and not cause.path
 
 
-def _describe(error):
-    """Lines that say what is wrong."""
+def _describe(error, kinds):
+    """Lines that say what is wrong; kinds: kind by name of the estimator."""
     path, value = tuple(error.absolute_path), error.instance
     where = _dotted(path)
     if error.validator == "additionalProperties":
         known = error.schema.get("properties", {})
-        return [f"{where}: {_unknown(key, known, 'key')}" for key in value if key not in known]
+        return [
+            f"{where}: {_unknown_key(key, known, path, kinds)}" for key in value if key not in known
+        ]
     if error.validator == "required":
         missing = [key for key in error.validator_value if key not in value]
         return [f"{where}: missing {', '.join(missing)}"]
@@ -450,6 +607,16 @@ def _describe(error):
         return [f"{where}: expected a list, found {value!r}. Hint: {_as_list(path, value)}"]
     meaning = error.schema.get("description")
     return [f"{where}: {error.message}" + (f" ({meaning})" if meaning else "")]
+
+
+def _unknown_key(key, known, path, kinds):
+    if path[:1] == ("estimators",) and (others := presets.kinds_with(key)):
+        return (
+            f"'{key}' is an option of the kind {', '.join(others)}, and this estimator is of the "
+            f"kind {kinds[path[1]]}. Hint: leave it out, or change `kind`"
+        )
+    what = "cause" if set(known) == set(CAUSES) else "key"
+    return _unknown(key, known, what)
 
 
 def _dotted(path):

@@ -6,61 +6,116 @@ Static: it needs the configuration alone, so that the workflow knows its jobs be
 from dataclasses import dataclass
 from itertools import groupby, pairwise, product
 from math import ceil
+from typing import NamedTuple
 
-from icpshap.causes import SOURCES
+from icpshap import causes
 
 
 @dataclass(frozen=True)
 class Setting:
     """One perturbation that is run, and which set of random draws it uses.
 
-    `values` has one entry per uncertainty source, in their order. `again` marks the second clean
-    sample with draws of its own, whose f shows what no perturbation at all would score.
+    `levels` has the name and the value of each cause of the experiment. `again` marks the second
+    clean sample with draws of its own, whose f shows what no perturbation at all would score.
     """
 
-    values: tuple[float, ...]
+    levels: tuple[tuple[str, float], ...]
     replicate: int = 0
     again: bool = False
+
+    @classmethod
+    def at(cls, values, replicate=0, again=False):
+        """The setting with a mapping of values by cause."""
+        return cls(tuple(values.items()), replicate, again)
+
+    @property
+    def values(self):
+        """Value by name of the cause."""
+        return dict(self.levels)
+
+    def level(self, cause):
+        """The value of a cause; one that is not named is off."""
+        return self.values.get(cause.name, cause.off)
+
+    def levels_of(self, causes):
+        """The values of some causes, by which settings can be grouped."""
+        return tuple(self.level(cause) for cause in causes)
 
 
 def settings(levels, replicates):
     """Every setting that the coalitions of a grid of levels need, each once.
 
-    levels maps the name of each uncertainty source to its levels. A coalition puts a source to a
-    level or to its reference value: the settings are the grid of levels and reference values.
+    levels maps the name of each cause of the experiment to its levels. A coalition puts a cause to
+    a level or to its reference value: the settings are the grid of levels and reference values.
+    Those that share the perturbed reference stand together.
     """
-    axes = [sorted({source.off, *levels[source.name]}) for source in SOURCES]
-    clean = tuple(source.off for source in SOURCES)
-    return [
+    players = causes.named(levels)
+    axes = [sorted({cause.off, *levels[cause.name]}) for cause in players]
+    names = [cause.name for cause in players]
+    clean = Setting.at({cause.name: cause.off for cause in players})
+    found = [
         setting
         for replicate in range(replicates)
         for setting in [
-            Setting(clean, replicate, again=True),
-            *(Setting(values, replicate) for values in product(*axes)),
+            Setting(clean.levels, replicate, again=True),
+            *(
+                Setting(tuple(zip(names, values, strict=True)), replicate)
+                for values in product(*axes)
+            ),
         ]
     ]
+    return sorted(found, key=_by_reference(players))
 
 
 def instances(levels):
-    """The perturbations to explain: every combination of the levels, in order."""
-    return list(product(*(levels[source.name] for source in SOURCES)))
+    """The perturbations to explain, a value by name of each cause: every combination, in order."""
+    names = [cause.name for cause in causes.named(levels)]
+    return [
+        dict(zip(names, values, strict=True))
+        for values in product(*(levels[name] for name in names))
+    ]
 
 
-def jobs(levels, replicates, runs, runs_per_job):
-    """The settings of a pair cut into jobs of at most `runs_per_job` ICP runs.
+class Part(NamedTuple):
+    """What a job runs of one of its pairs (reference, source): settings `start` to `stop` - 1."""
 
-    Settings with the same sensor noise share the perturbed reference and its search index, so they
-    stay together where they fit, and are cut evenly where they do not.
+    pair: tuple[int, int]
+    start: int
+    stop: int
+
+
+def jobs(pairs, levels, replicates, runs, runs_per_job):
+    """The settings of the pairs of a sequence cut into jobs of at most `runs_per_job` runs.
+
+    A job is a list of `Part`s. Settings that share the perturbed reference and its search index
+    stay together where they fit, and are cut evenly where they do not. A pair that is added at the
+    end changes no job but the last.
     """
     size = max(1, runs_per_job // runs)
-    result = [[]]
-    noise_levels = groupby(settings(levels, replicates), lambda s: (s.replicate, s.values[0]))
-    for _, level in noise_levels:
-        level = list(level)
-        pieces = ceil(len(level) / size)
-        bounds = [len(level) * k // pieces for k in range(pieces + 1)]
+    bounds = _bounds(settings(levels, replicates), causes.named(levels), size)
+    found, room = [], 0
+    for pair in pairs:
         for start, stop in pairwise(bounds):
-            if result[-1] and len(result[-1]) + stop - start > size:
-                result.append([])
-            result[-1] += level[start:stop]
-    return result
+            if stop - start > room:
+                found.append({})
+                room = size
+            room -= stop - start
+            first, _ = found[-1].get(pair, (start, stop))
+            found[-1][pair] = first, stop
+    return [[Part(pair, *ends) for pair, ends in job.items()] for job in found]
+
+
+def _by_reference(players):
+    """Sort key by which settings that share a reference stand together."""
+    on_reference = [cause for cause in players if cause.acts_on("reference")]
+    return lambda setting: (setting.replicate, setting.levels_of(on_reference))
+
+
+def _bounds(settings, players, size):
+    """Where the settings of a pair may be cut: pieces of at most `size` with one reference."""
+    bounds = [0]
+    for _, level in groupby(settings, _by_reference(players)):
+        first, length = bounds[-1], len(list(level))
+        number = ceil(length / size)
+        bounds += [first + length * k // number for k in range(1, number + 1)]
+    return bounds

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
-from icpshap import config as settings
+from icpshap import config as configuration
 from icpshap import se3
-from icpshap.estimators import perturb as perturbation
+from icpshap.data.pair import Pair
 
 REPOSITORY = Path(__file__).parent.parent
 # Tests, and the workflows that they run, compile the ICP engine once.
@@ -48,7 +48,7 @@ def config():
 
 @pytest.fixture(scope="session")
 def paper():
-    return settings.load(PAPER_CONFIG)
+    return configuration.load(PAPER_CONFIG)
 
 
 @pytest.fixture(scope="session")
@@ -65,5 +65,4 @@ def room_pair():
     T_reference_source = se3.exp([0.02, -0.05, 0.1, 0.3, -0.2, 0.1])
     reference = cloud(3000)
     source = se3.transform(se3.inverse(T_reference_source), cloud(3000))
-    overlapping = perturbation.nearest_distances(reference, source, T_reference_source) <= 0.2
-    return perturbation.Pair(reference, source, T_reference_source, overlapping)
+    return Pair.measured(reference, source, T_reference_source, 0.2)

@@ -5,13 +5,13 @@ import itertools
 import numpy as np
 import pandas as pd
 
-from icpshap.explanation import readings as divergence
+from icpshap.explanation import readings
 from icpshap.tables import INITIAL_XI, XI
 
-SOURCES = {"sensor_noise": 0.0, "initial_pose": 1.0, "partial_overlap": 0.0}
+OFF = {"sensor_noise": 0.0, "initial_pose": 1.0, "partial_overlap": 0.0}
 LEVELS = {"sensor_noise": [0.0, 0.05], "initial_pose": [1.0, 1.5], "partial_overlap": [0.0, 0.05]}
 SHARED = 1e-3 * np.array([0.8, 0.9, 1.0, 1.5, 2.0, 1.0])
-# Standard deviation that a source adds at full level: (value - reference) / unit.
+# Standard deviation that a cause adds at full level: (value - reference) / unit.
 ADDED = {
     "sensor_noise": 1e-3 * np.array([2.0, 1.0, 1.5, 3.0, 3.0, 1.0]),
     "initial_pose": 1e-3 * np.array([0.0, 0.5, 0.2, 0.5, 0.0, 1.0]),
@@ -28,13 +28,13 @@ def instances(levels=LEVELS, full=False):
 
 
 def pose_errors(values, draws):
-    """xi (n, 6) of a setting from standard normal draws (n, 6), `shared` and one for each source.
+    """xi (n, 6) of a setting from standard normal draws (n, 6), `shared` and one for each cause.
 
-    A source adds its draw times what its value is above its reference.
+    A cause adds its draw times what its value is above its reference.
     """
     xi = draws["shared"] * SHARED
-    for name, value in zip(SOURCES, values, strict=True):
-        xi = xi + (value - SOURCES[name]) / UNIT[name] * draws[name] * ADDED[name]
+    for name, value in zip(OFF, values, strict=True):
+        xi = xi + (value - OFF[name]) / UNIT[name] * draws[name] * ADDED[name]
     return xi
 
 
@@ -53,7 +53,7 @@ def runs_table(seed=0, levels=LEVELS, n=100, noise_draws=1, wrong=(), failed=(),
             for again in (0, 1)
         }
         settings = [(0, values) for values in itertools.product(*levels.values())]
-        settings.append((1, tuple(SOURCES.values())))
+        settings.append((1, tuple(OFF.values())))
         for number, (again, values) in enumerate(settings):
             xi = pose_errors(values, draws[again])
             xi[list(wrong)] += OFFSET
@@ -66,11 +66,11 @@ def runs_table(seed=0, levels=LEVELS, n=100, noise_draws=1, wrong=(), failed=(),
                 frame.assign(
                     **dict(zip(levels, values, strict=True)),
                     replicate=replicate,
-                    draws=again,
+                    again=bool(again),
                     run=np.arange(n),
                     noise_draw=np.arange(n) * noise_draws // n,
                     status=status,
-                    wrong_basin=divergence.wrong_basin(xi, 0.1, np.deg2rad(2.0)),
+                    weight=1.0,
                 )
             )
     return pd.concat(frames, ignore_index=True)
@@ -82,4 +82,4 @@ def true_game():
     for coalition in range(8):
         on = [name for a, name in enumerate(LEVELS) if coalition >> a & 1]
         games.append(np.diag(SHARED**2 + sum(ADDED[name] ** 2 for name in on)))
-    return divergence.kullback_leibler(games[0], np.array(games))
+    return readings.kullback_leibler(games[0], np.array(games))

@@ -1,25 +1,29 @@
 """The configuration: what it says, and what it is told when it is wrong."""
 
 import re
-import shutil
+from dataclasses import dataclass
+from typing import ClassVar
 
-import numpy as np
 import pytest
 import yaml
 from conftest import REPOSITORY
 from snakemake.utils import update_config
 
-from icpshap import config as settings
-from icpshap import plan
-from icpshap.causes import NAMES
-from icpshap.explanation.uncertainty import MINIMUM_RUNS
-from icpshap.jobs import digests as provenance
-from icpshap.parameters import Estimator
+from icpshap import config as configuration
+from icpshap import options, plan, presets, schema
+from icpshap.causes import CAUSES, Cause
+from icpshap.estimators import KINDS
+from icpshap.estimators.kind import COVARIANCES, Kind
+from icpshap.explanation.sample import FEWEST_RUNS
+from icpshap.options import option
+from icpshap.presets import PAPER, RELEASED_CODE, ROBUST, Preset
+
+NAMES = ("sensor_noise", "initial_pose", "partial_overlap")
 
 
 def errors_of(config):
-    with pytest.raises(settings.SettingsError) as caught:
-        settings.load(config)
+    with pytest.raises(configuration.ConfigError) as caught:
+        configuration.load(config)
     return str(caught.value)
 
 
@@ -41,26 +45,28 @@ def test_the_paper_is_the_default(paper):
     assert len(plan.instances(grid.levels)) == 1331
     clean_twice = 1
     assert len(plan.settings(grid.levels, 1)) == 1331 + clean_twice
+    assert grid.causes == NAMES
+    assert [tuple(couple) for couple in grid.dependence] == list(configuration.PAPER_COUPLES)
     assert paper.experiments["same_perturbation"].levels == {
         "sensor_noise": (0.05,),
         "initial_pose": (1.5,),
         "partial_overlap": (0.05,),
     }
     assert sum(len(pairs) for pairs in paper.experiments["same_perturbation"].pairs.values()) == 267
-    assert paper.estimators["paper"].runs == 100
+    assert paper.estimators == {"paper": PAPER, "released_code": RELEASED_CODE, "robust": ROBUST}
 
 
 @pytest.mark.parametrize("name", ["demo", "released_code", "robust"])
 def test_every_shipped_override_loads(config, name):
     update_config(config, yaml.safe_load((REPOSITORY / f"config/{name}.yaml").read_text()))
-    loaded = settings.load(config)
+    loaded = configuration.load(config)
     assert all(experiment in loaded.experiments for experiment in loaded.run)
 
 
 def test_levels_are_rounded_and_include_the_stop():
-    levels = settings.expand_levels({"start": 0, "stop": 0.1, "step": 0.01})
+    levels = configuration.expand_levels({"start": 0, "stop": 0.1, "step": 0.01})
     assert levels == (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1)
-    assert settings.expand_levels({"start": 1, "stop": 1.25, "step": 0.1}) == (1.0, 1.1, 1.2)
+    assert configuration.expand_levels({"start": 1, "stop": 1.25, "step": 0.1}) == (1.0, 1.1, 1.2)
 
 
 def test_strings_of_the_command_line_become_what_the_schema_wants(config):
@@ -71,23 +77,23 @@ def test_strings_of_the_command_line_become_what_the_schema_wants(config):
         "common_random_numbers": "false",
         "runs": "50",
     }
-    loaded = settings.load(config)
-    paper = loaded.estimators["paper"]
-    assert (loaded.seed, paper.stop_rotation, paper.runs) == (7, 1e-3, 50)
-    assert paper.maximum_distance is None
-    assert paper.common_random_numbers is False
+    loaded = configuration.load(config)
+    paper = loaded.estimators["paper"].options
+    assert (loaded.seed, paper["stop_rotation"], paper["runs"]) == (7, 1e-3, 50)
+    assert paper["maximum_distance"] is None
+    assert paper["common_random_numbers"] is False
 
 
 @pytest.mark.parametrize("runs", ["1e2", 100.0, "100.0", "100"])
 def test_an_integer_may_be_written_as_a_float(config, runs):
     config["estimators"]["paper"]["runs"] = runs
-    loaded = settings.load(config).estimators["paper"].runs
+    loaded = configuration.load(config).estimators["paper"].options["runs"]
     assert (loaded, type(loaded)) == (100, int)
 
 
 def test_a_large_integer_loses_no_digit_on_the_command_line(config):
     config["seed"] = "9007199254740993"
-    assert settings.load(config).seed == 9007199254740993
+    assert configuration.load(config).seed == 9007199254740993
 
 
 @pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan"), "inf", "NaN"])
@@ -115,16 +121,19 @@ def test_an_infinite_level_of_a_list_is_named(config):
 
 
 def test_the_fewest_runs_are_those_that_give_a_value():
-    runs = settings.read_schema()["$defs"]["estimator"]["properties"]["runs"]
-    assert runs["minimum"] == MINIMUM_RUNS
-    assert f"fewer than {MINIMUM_RUNS}" in runs["description"]
+    runs = schema.estimator("monte_carlo")["properties"]["runs"]
+    assert runs["minimum"] == FEWEST_RUNS
+    assert f"fewer than {FEWEST_RUNS}" in runs["description"]
 
 
 def test_an_estimator_takes_what_it_does_not_give(config):
     config["estimators"]["mine"] = {"based_on": "robust", "runs": 200}
-    mine, robust = (settings.load(config).estimators[name] for name in ("mine", "robust"))
-    assert (mine.runs, robust.runs) == (200, 100)
-    assert mine.stop_rotation == robust.stop_rotation == 1e-5
+    assert configuration.load(config).estimators["mine"] == ROBUST.with_options(runs=200)
+
+
+def test_what_an_estimator_does_not_give_is_as_in_the_paper(config):
+    config["estimators"]["mine"] = {"runs": 200}
+    assert configuration.load(config).estimators["mine"] == PAPER.with_options(runs=200)
 
 
 def test_all_errors_at_once(config):
@@ -173,7 +182,11 @@ MISTAKES = [
     ("data.Eth", {"scans": 3}, "'Eth' does not match"),
     ("estimators.paper.metric", "point_to_plan", "did you mean 'point_to_plane'?"),
     ("estimators.paper.kept_links", 0, "0 is less than or equal to the minimum of 0"),
-    ("estimators.paper.runs", None, "estimators.paper: missing runs"),
+    (
+        "estimators.paper.kind",
+        "monte_carl",
+        "unknown name 'monte_carl', did you mean 'monte_carlo'?",
+    ),
     ("estimators.robust.based_on", "papr", "unknown name 'papr', did you mean 'paper'?"),
     ("estimators.paper.based_on", "robust", "circle"),
     ("estimators.paper.bias_correction", "wishart", "holds for independent samples only"),
@@ -226,12 +239,12 @@ MISTAKES = [
     (
         "experiments.different_perturbations.instances.grid.initial_pose",
         [0, 1],
-        "the scale s must be above 0",
+        "initial_pose.0: 0 is less than or equal to the minimum of 0",
     ),
     (
         "experiments.different_perturbations.instances.grid.partial_overlap",
         [0, 1.5],
-        "lambda must be at most 1",
+        "partial_overlap.1: 1.5 is greater than the maximum of 1",
     ),
     (
         "experiments.different_perturbations.instances.grid.sensor_noise.stop",
@@ -257,46 +270,317 @@ def test_every_mistake_is_named(config, path, value, message):
 def test_every_key_of_the_schema_is_described_and_every_block_closed():
     def walk(schema, where):
         for key, child in schema.get("properties", {}).items():
-            assert child.get("description") or "$ref" in child, f"{where}.{key} has no description"
+            assert child.get("description"), f"{where}.{key} has no description"
             walk(child, f"{where}.{key}")
         if schema.get("type") in ("object", ["object", "null"]):
             assert "additionalProperties" in schema, f"{where} is open"
-        for branch in schema.get("oneOf", []):
-            walk(branch, where)
+        for branch in (*schema.get("oneOf", []), schema.get("additionalProperties")):
+            if isinstance(branch, dict):
+                walk(branch, where)
 
-    schema = settings.read_schema()
-    walk(schema, "config")
-    for name, child in schema["$defs"].items():
-        walk(child, name)
+    walk(schema.configuration(), "config")
 
 
 def test_every_key_of_the_estimator_has_a_comment_in_the_config():
     text = (REPOSITORY / "config.yaml").read_text()
     block = text[text.index("  paper:") : text.index("  released_code:")]
     keys = re.findall(r"^    (\w+):", block, flags=re.MULTILINE)
-    assert sorted(keys) == sorted(Estimator.__dataclass_fields__)
-    schema = settings.read_schema()["$defs"]["estimator"]["properties"]
-    assert sorted(schema) == sorted([*keys, "based_on"])
+    assert sorted(keys) == sorted(["kind", *presets.option_names("monte_carlo")])
+    assert sorted(schema.estimator("monte_carlo")["properties"]) == sorted([*keys, "based_on"])
 
 
-def test_registration_is_the_part_that_decides_the_pose_samples(paper):
-    registration = paper.estimators["paper"].registration
-    assert not hasattr(registration, "divergence")
-    assert registration.runs == 100
-    assert np.isclose(registration.kept_links, 0.7)
+def test_the_presets_are_those_of_config_yaml(paper):
+    """And `with_options` of nothing is the same preset again."""
+    for preset in (PAPER, RELEASED_CODE, ROBUST):
+        assert preset.with_options() == preset
+    with pytest.raises(TypeError, match="runz: no options of the kind monte_carlo"):
+        PAPER.with_options(runz=3)
 
 
-def test_another_error_text_is_no_reason_to_register_again(tmp_path, monkeypatch):
-    library = tmp_path / "icpshap"
-    shutil.copytree(REPOSITORY / "icpshap", library)
-    monkeypatch.setattr(provenance, "LIBRARY", library)
-    script = REPOSITORY / "workflow" / "scripts" / "run_icp.py"
+# --- causes: not named is off ---------------------------------------------------------------------
 
-    def digest_after_a_change_of(name):
-        with open(library / name, "a") as module:
-            module.write("changed = True\n")
-        return provenance.code_digest(script)
 
-    before = provenance.code_digest(script)
-    assert digest_after_a_change_of("config.py") == before
-    assert digest_after_a_change_of("parameters.py") != before
+@dataclass(frozen=True)
+class Extra(Cause):
+    """A cause that the repository does not have."""
+
+    name: ClassVar = "extra"
+    title: ClassVar = "extra"
+    symbol: ClassVar = "e"
+    meaning: ClassVar = "Extra"
+    colour: ClassVar = "#123456"
+    levels: ClassVar = (1.0, 2.0)
+    range: ClassVar = options.Range(minimum=0, below=10)
+
+    def move(self, points, scan, level, draw, streams):
+        return points + level
+
+
+def with_extras(monkeypatch, number):
+    names = [f"extra_{k}" for k in range(number)]
+    for name in names:
+        monkeypatch.setitem(CAUSES, name, type(name, (Extra,), {"name": name}))
+    return names
+
+
+def test_players_are_the_causes_that_an_experiment_names(config):
+    grid = config["experiments"]["different_perturbations"]
+    grid["instances"] = {"grid": {"partial_overlap": [0, 0.1], "sensor_noise": [0, 0.05]}}
+    grid["waterfall"] = {"partial_overlap": 0.1, "sensor_noise": 0.05}
+    del grid["dependence"]
+    found = configuration.load(config).experiments["different_perturbations"]
+    assert found.causes == ("sensor_noise", "partial_overlap")
+    assert list(found.waterfall) == list(found.causes)
+    assert found.dependence == ()
+
+
+def test_a_new_cause_makes_no_configuration_invalid_and_changes_none(config, monkeypatch):
+    before = configuration.load(config)
+    with_extras(monkeypatch, 1)
+    after = configuration.load(config)
+    assert before.experiments == after.experiments
+    of_paper = after.estimators["paper"].estimator.of_causes(NAMES)
+    assert of_paper.decides() == before.estimators["paper"].estimator.of_causes(NAMES).decides()
+
+
+def test_a_new_cause_can_be_named_at_once(config, monkeypatch):
+    (name,) = with_extras(monkeypatch, 1)
+    fixed = config["experiments"]["same_perturbation"]["instances"]["fixed"]
+    fixed[name] = 3
+    experiment = configuration.load(config).experiments["same_perturbation"]
+    assert experiment.levels[name] == (3.0,)
+    fixed[name] = 10
+    assert f"fixed.{name}: 10 is greater than or equal to the maximum of 10" in errors_of(config)
+
+
+def test_seven_causes_are_enough(config, monkeypatch):
+    names = with_extras(monkeypatch, 5)
+    fixed = config["experiments"]["same_perturbation"]["instances"]["fixed"]
+    fixed |= dict.fromkeys(names[:4], 1)
+    assert len(configuration.load(config).experiments["same_perturbation"].causes) == 7
+    fixed[names[4]] = 1
+    message = errors_of(config)
+    assert (
+        "same_perturbation.instances.fixed: 8 causes, expected at most 7: an instance of M causes "
+        "is 2^M settings, here 256, and each is run. Hint: leave out causes" in message
+    )
+
+
+SAME = "experiments.same_perturbation"
+GRID = "experiments.different_perturbations"
+
+# Of causes, estimators and couples.
+MORE_MISTAKES = [
+    (
+        f"{SAME}.instances.fixed.sensor_nois",
+        0.1,
+        f"{SAME}.instances.fixed: unknown cause 'sensor_nois', did you mean 'sensor_noise'?",
+    ),
+    (
+        f"{GRID}.instances.grid.sensor_nois",
+        [0.1],
+        f"{GRID}.instances.grid: unknown cause 'sensor_nois', did you mean 'sensor_noise'?",
+    ),
+    (
+        f"{GRID}.waterfall.partial_overlap",
+        None,
+        f"{GRID}.waterfall: missing partial_overlap; the instance needs a value of each cause",
+    ),
+    (
+        f"{GRID}.instances.grid.partial_overlap",
+        None,
+        f"{GRID}.waterfall.partial_overlap: instances.grid does not name this cause, so it is off.",
+    ),
+    (
+        f"{GRID}.dependence",
+        [["sensor_noise", "partial_overla"]],
+        "unknown name 'partial_overla', did you mean 'partial_overlap'?",
+    ),
+    (f"{GRID}.dependence", [["sensor_noise", "sensor_noise"]], "has non-unique elements"),
+    (
+        f"{SAME}.dependence",
+        [["sensor_noise", "partial_overlap"], ["sensor_noise", "initial_pose", "partial_overlap"]],
+        "is too long",
+    ),
+    ("estimators.paper.covariance", 1, "estimators.paper: unknown key 'covariance'"),
+]
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"), MORE_MISTAKES, ids=[f"{m[0]}={m[1]}"[:70] for m in MORE_MISTAKES]
+)
+def test_mistakes_of_causes_and_couples_are_named(config, path, value, message):
+    change(config, path, value)
+    assert message in errors_of(config)
+
+
+def test_a_couple_of_a_cause_that_is_not_named(config):
+    del config["experiments"]["different_perturbations"]["instances"]["grid"]["partial_overlap"]
+    message = errors_of(config)
+    assert "dependence: unknown cause of the experiment 'partial_overlap'" in message
+    assert "Hint: name it under instances" in message
+
+
+def test_a_key_that_is_there_twice_is_an_error(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(
+        "experiments:\n  a:\n    instances:\n      fixed: {sensor_noise: 1, sensor_noise: 2}\n"
+    )
+    with pytest.raises(configuration.ConfigError) as caught:
+        configuration.check_file(path)
+    message = str(caught.value)
+    assert "mine.yaml: 1 key(s) are given twice" in message
+    assert "line 4: experiments.a.instances.fixed.sensor_noise is there twice" in message
+    assert "Hint: keep one of each" in message
+    for name in ("config.yaml", "config/demo.yaml", "tests/tiny.yaml"):
+        configuration.check_file(REPOSITORY / name)
+
+
+# --- estimators: a kind and its own options -------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Constant(Kind):
+    """A kind that the repository does not have."""
+
+    name: ClassVar = "constant"
+    returns: ClassVar = COVARIANCES
+    sees: ClassVar = ("sensor_noise", "initial_pose")
+    deviation: float = option(0.1, "The same in every direction", unit="-", above=0)
+
+
+@pytest.fixture
+def constant(config, monkeypatch):
+    monkeypatch.setitem(KINDS, "constant", Constant)
+    config["estimators"]["mine"] = {"kind": "constant", "deviation": 0.3}
+    return config
+
+
+def test_an_estimator_of_a_kind_has_the_options_of_the_kind(constant):
+    found = configuration.load(constant).estimators["mine"]
+    assert found == Preset.of("constant", deviation=0.3)
+    assert found.estimator.kind == Constant(deviation=0.3)
+    assert "matches" not in found.options
+
+
+def test_an_option_of_another_kind_is_named_with_its_kind(constant):
+    constant["estimators"]["mine"]["matches"] = 3
+    constant["estimators"]["paper"]["deviation"] = 0.1
+    message = errors_of(constant)
+    assert (
+        "estimators.mine: 'matches' is an option of the kind monte_carlo, and this estimator is of "
+        "the kind constant. Hint: leave it out, or change `kind`" in message
+    )
+    assert "estimators.paper: 'deviation' is an option of the kind constant" in message
+
+
+def test_an_option_of_a_kind_has_its_range(constant):
+    constant["estimators"]["mine"]["deviation"] = 0
+    assert "estimators.mine.deviation: 0 is less than or equal to the minimum of 0" in errors_of(
+        constant
+    )
+
+
+def test_an_estimator_is_not_based_on_one_of_another_kind(constant):
+    constant["estimators"]["mine"]["based_on"] = "paper"
+    message = errors_of(constant)
+    assert (
+        "of `based_on: paper` are no options of the kind constant. Hint: leave based_on" in message
+    )
+    assert "runs" in message
+
+
+@pytest.mark.parametrize(
+    ("correction", "says"),
+    [
+        (
+            "wishart",
+            "wishart holds for independent samples, which the kind constant does not return",
+        ),
+        ("jackknife", "jackknife leaves out independent runs, which the kind constant does not"),
+    ],
+)
+def test_a_correction_needs_what_the_kind_returns(constant, correction, says):
+    constant["estimators"]["mine"]["bias_correction"] = correction
+    assert f"estimators.mine.bias_correction: {says}" in errors_of(constant)
+
+
+def test_several_noise_draws_can_be_left_out(constant):
+    constant["estimators"]["mine"] |= {"bias_correction": "jackknife", "noise_draws": 3}
+    configuration.load(constant)
+
+
+def test_a_cause_that_the_kind_cannot_see_is_refused(constant):
+    constant["experiments"]["same_perturbation"]["estimator"] = "mine"
+    assert (
+        "experiments.same_perturbation.estimator: the kind constant cannot see partial_overlap. "
+        "Hint: name only sensor_noise, initial_pose, or another estimator" in errors_of(constant)
+    )
+
+
+def test_masks_do_not_go_with_the_released_codes_overlap(config, monkeypatch):
+    name = "shadow"
+    keep = {"name": name, "move": Cause.move, "keep": lambda *given: None}
+    monkeypatch.setitem(CAUSES, name, type("Shadow", (Extra,), keep))
+    experiment = config["experiments"]["same_perturbation"]
+    experiment["instances"]["fixed"][name] = 1
+    configuration.load(config)
+    experiment["estimator"] = "released_code"
+    assert (
+        "experiments.same_perturbation.estimator: shadow removes rows of the raw source, which "
+        "partial_overlap of released_code replaces by others. Hint: leave one of them out, or set "
+        "overlap_removal: raw" in errors_of(config)
+    )
+
+
+def test_everything_is_said_at_once(constant):
+    constant["estimators"]["other"] = {"kind": "constnt"}
+    constant["estimators"]["mine"]["matches"] = 3
+    fixed = constant["experiments"]["same_perturbation"]["instances"]["fixed"]
+    fixed |= {"sensor_nois": 1, "initial_pose": 0}
+    message = errors_of(constant)
+    assert "4 error(s)" in message
+    for part in ("did you mean 'constant'?", "option of the kind monte_carlo", "unknown cause"):
+        assert part in message
+
+
+# --- extreme and malicious values -----------------------------------------------------------------
+
+GRID_NOISE = f"{GRID}.instances.grid.sensor_noise"
+LEVELS_OF = {"start": 0, "stop": 0.1, "step": 0.01}
+EXTREMES = [
+    (
+        GRID_NOISE,
+        {**LEVELS_OF, "step": 1e-9},
+        "sensor_noise: more than 1000 levels. Hint: ",
+    ),
+    (GRID_NOISE, {**LEVELS_OF, "step": 1e-300}, "more than 1000 levels"),
+    (GRID_NOISE, {"start": 0.1, "stop": 0.1 + 1e-12, "step": 1e-13}, "equal after rounding"),
+    (GRID_NOISE, [0, 1e308], "1e+308 is greater than the maximum of 100"),
+    (GRID_NOISE, list(range(101)), "settings a pair, expected at most 100,000"),
+    (f"{SAME}.instances.fixed.initial_pose", 1e308, "is greater than the maximum of 10000"),
+    ("data.eth.scans", 10**9, "data.eth.scans: 1000000000 is greater than the maximum of 1000000"),
+    ("estimators.paper.subsampling_probability", 1e-300, "is less than the minimum of 1e-05"),
+    ("estimators.paper.maximum_distance", 1e300, "is greater than the maximum of 1000000.0"),
+    ("estimators.paper.noise_draws", 10**12, "is greater than the maximum of 10000"),
+    ("perturbation.initial_pose_rotation", 1e300, "is greater than the maximum of 180"),
+    ("seed", 10**30, "is greater than the maximum"),
+    ("data.eth\n", {"scans": 2, "folder": {"path": "x"}}, "does not match"),
+    (f"data.{'e' * 300}", {"scans": 2, "folder": {"path": "x"}}, "is too long"),
+    ("data.eth.title", "a\x1b[31mb", "data.eth.title: "),
+    ("data.eth.title", "a\nb", "data.eth.title: "),
+]
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"), EXTREMES, ids=[f"{m[0]}={m[1]}"[:60] for m in EXTREMES]
+)
+def test_extreme_values_are_named_and_hang_nothing(config, path, value, message):
+    if path == GRID_NOISE:
+        del config["experiments"]["different_perturbations"]["waterfall"]
+        config["experiments"]["different_perturbations"]["figures"] = ["summary"]
+    if value == list(range(101)):
+        grid = config["experiments"]["different_perturbations"]["instances"]["grid"]
+        grid["initial_pose"] = {"start": 1, "stop": 3, "step": 0.01}
+    change(config, path, value)
+    assert message in errors_of(config)

@@ -1,31 +1,19 @@
-"""The uncertainty sources: the causes that a game of coalitions shares the uncertainty out among.
+"""The causes of uncertainty, by name: one file each, found by being in this folder.
 
-How each acts on a pair of scans is in perturbation.py; what a further source takes is in
-docs/extending.md.
+How a cause acts is in `cause`; how they act together is in icpshap/estimators/perturb.py.
 """
 
-from dataclasses import dataclass
+from icpshap import registry
+from icpshap.causes.cause import Cause
+
+MOST = 7  # players of one experiment: each doubles the settings of an instance
+
+CAUSES = registry.classes(__name__, __path__, Cause)
 
 
-@dataclass(frozen=True)
-class UncertaintySource:
-    """A cause of uncertainty, a player of the game; `off` is its reference value (Algorithm 1)."""
-
-    name: str
-    title: str
-    symbol: str
-    unit: str
-    off: float
-
-    @property
-    def label(self):
-        """Title, symbol and unit, as an axis shows them."""
-        return f"{self.title} {self.symbol}" + (f" [{self.unit}]" if self.unit else "")
+def named(names):
+    """The causes of these names, in their own order. Raises KeyError for another name."""
+    return tuple(sorted((CAUSES[name] for name in names), key=lambda c: (c.order, c.name)))
 
 
-SOURCES = (
-    UncertaintySource("sensor_noise", "sensor noise", "σ", "m", off=0.0),
-    UncertaintySource("initial_pose", "initial pose scale", "s", "", off=1.0),
-    UncertaintySource("partial_overlap", "partial overlap", "λ", "", off=0.0),
-)
-NAMES = tuple(source.name for source in SOURCES)
+CAUSES = {cause.name: cause for cause in named(CAUSES)}

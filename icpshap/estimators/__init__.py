@@ -1,1 +1,178 @@
-"""Estimators: from a perturbed pair to pose samples."""
+"""Estimators: from a perturbed pair to pose samples, covariances, or both.
+
+`perturb` makes groups of settings, a `kind` consumes them; here they meet, and become tables.
+"""
+
+from collections import defaultdict
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from icpshap import options, registry, se3
+from icpshap.causes import CAUSES, named
+from icpshap.causes.cause import Cause
+from icpshap.estimators import perturb
+from icpshap.estimators.kind import Kind, Samples
+from icpshap.estimators.perturb import Perturbing
+from icpshap.tables import COVARIANCE, INITIAL_XI, TRANSFORM, XI
+
+UPPER = np.triu_indices(6)
+
+
+KINDS = registry.classes(__name__, __path__, Kind)
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """A kind, how the pair is perturbed for it, and every cause: all with their options."""
+
+    kind: Kind
+    perturbing: Perturbing
+    causes: dict[str, Cause]
+
+    @classmethod
+    def of(cls, kind, values):
+        """The estimator of a kind's name and a mapping of options; others keep their default."""
+
+        def built(owner):
+            return owner(**{name: values[name] for name in options.names(owner) if name in values})
+
+        causes = {cause.name: built(cause) for cause in named(CAUSES)}
+        return cls(built(KINDS[kind]), built(Perturbing), causes)
+
+    @classmethod
+    def decided(cls, by):
+        """The estimator of what `decides` returned."""
+        return cls(
+            KINDS[by["kind"]](**by["options"]),
+            Perturbing(**by["perturbing"]),
+            {name: CAUSES[name](**values) for name, values in by["causes"].items()},
+        )
+
+    @property
+    def number_of_runs(self):
+        """Starts of a setting."""
+        return self.kind.number_of_runs(self.perturbing.noise_draws)
+
+    def of_causes(self, names):
+        """The same with the causes that an experiment names, and those that act without that."""
+        return Estimator(
+            self.kind,
+            self.perturbing,
+            {
+                name: cause
+                for name, cause in self.causes.items()
+                if name in names or cause.acts_when_off
+            },
+        )
+
+    @property
+    def plugins(self):
+        """The classes whose code makes its numbers."""
+        return [type(self.kind), *(type(cause) for cause in self.causes.values())]
+
+    def decides(self):
+        """All that decides its numbers, as a mapping that JSON can hold; see `decided`."""
+        return {
+            "kind": self.kind.name,
+            "options": options.values(self.kind),
+            "perturbing": options.values(self.perturbing),
+            "causes": {name: options.values(cause) for name, cause in self.causes.items()},
+        }
+
+
+def option_owners(kind):
+    """The classes whose options an estimator of a kind takes."""
+    return [KINDS[kind], Perturbing, *CAUSES.values()]
+
+
+def estimate(pair, settings, estimator, deviation, streams):
+    """The tables of runs and of estimates of a pair, each in the order of the settings.
+
+    pair: data.pair.Pair; settings: list of plan.Setting; deviation (6,): standard deviation of the
+    initial pose at scale 1; streams: perturb.Streams of the pair. A table that the estimator does
+    not return is None. Raises PerturbationError if a setting cannot be applied to the pair,
+    TypeError if the estimator does not return what it says.
+    """
+    runs, estimates = defaultdict(list), defaultdict(list)
+    for group in perturb.groups(pair, settings, estimator, deviation, streams):
+        for returned in estimator.kind.estimate(group):
+            if isinstance(returned, Samples):
+                runs[returned.setting].append(_runs_frame(pair, returned))
+            else:
+                estimates[returned.setting].append(_estimates_frame(pair, returned))
+    _check_returned(estimator.kind, runs, estimates)
+    return _in_order(runs, settings), _in_order(estimates, settings)
+
+
+def _check_returned(kind, runs, estimates):
+    """Raise TypeError unless a kind returned what it says."""
+    said = (kind.returns.samples, kind.returns.covariances)
+    if (bool(runs), bool(estimates)) != said:
+        words = {
+            (True, False): "samples alone",
+            (False, True): "covariances alone",
+            (True, True): "samples and covariances",
+            (False, False): "nothing",
+        }
+        raise TypeError(
+            f"The kind {kind.name} returned {words[bool(runs), bool(estimates)]}, and its "
+            f"`returns` says {words[said]}.\n"
+            "Hint: yield Samples, Covariance or both for every start."
+        )
+
+
+def _in_order(frames, settings):
+    if not frames:
+        return None
+    return pd.concat([frame for setting in settings for frame in frames[setting]])
+
+
+def _runs_frame(pair, samples):
+    return pd.DataFrame(
+        {
+            **_setting_columns(samples.setting),
+            "run": samples.runs.astype(np.int32),
+            "noise_draw": np.int32(samples.noise_draw),
+            "weight": samples.weight,
+            **dict(zip(INITIAL_XI, samples.initial_xi.T, strict=True)),
+            **_pose_columns(pair, samples.T_reference_source),
+            "iterations": samples.iterations.astype(np.int32),
+            "status": samples.status,
+            "rmse": samples.rmse,
+            "inlier_ratio": samples.inlier_ratio,
+        }
+    )
+
+
+def _estimates_frame(pair, estimate):
+    return pd.DataFrame(
+        {
+            **_setting_columns(estimate.setting),
+            "noise_draw": np.int32(estimate.noise_draw),
+            **_pose_columns(pair, estimate.T_reference_source[None]),
+            **dict(zip(COVARIANCE, estimate.covariance[UPPER], strict=True)),
+            "iterations": np.int32(estimate.iterations),
+            "status": estimate.status,
+            "rmse": estimate.rmse,
+            "inlier_ratio": estimate.inlier_ratio,
+        }
+    )
+
+
+def _setting_columns(setting):
+    return {
+        **setting.values,
+        "replicate": np.int32(setting.replicate),
+        "again": setting.again,
+    }
+
+
+def _pose_columns(pair, T_reference_source):
+    """Pose error log(inv(T_gt) T) and transform of poses (k, 4, 4)."""
+    error = se3.log(se3.inverse(pair.T_reference_source) @ T_reference_source)
+    return {
+        **dict(zip(XI, error.T, strict=True)),
+        **dict(zip(TRANSFORM, T_reference_source.reshape(-1, 16).T, strict=True)),
+    }

@@ -1,42 +1,112 @@
-"""How the uncertainty sources act on a pair of scans.
+"""The seam between perturbing and estimating: settings of a pair become clouds, rows and starts.
 
-The sources act independently of one another and on the raw scans; the ICP chain filters afterwards
-(range filter, then subsampling). Every random number comes from a named stream of its own, and the
-same draws serve every setting of a pair (common random numbers): noise is sigma times one standard
-normal draw, xi is sqrt(s) times one draw, masks are drawn on the rows of the raw scan, so that a
-removed point shifts no other.
+Causes act on the raw scans; the ICP chain filters afterwards (range filter, then subsampling).
+Every random number comes from a named stream of its own, and the same draws serve every setting of
+a pair (common random numbers): noise is sigma times one standard normal draw, xi is sqrt(s) times
+one draw, masks are drawn on the rows of the raw scan, so that a removed point shifts no other.
+
+Settings whose causes do the same to the reference share it, and whatever an estimator builds on it:
+they come as one `Group` for each noise draw.
 """
 
+from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from typing import NamedTuple
 from zlib import crc32
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from icpshap import se3
-from icpshap.errors import UserError
-
-
-class PerturbationError(UserError):
-    """A perturbation cannot be applied to a pair of scans."""
+from icpshap.causes.cause import HOOKS
+from icpshap.data.pair import Pair
+from icpshap.errors import PerturbationError
+from icpshap.options import option
+from icpshap.plan import Setting
 
 
 @dataclass(frozen=True)
-class Pair:
-    """Two raw scans (n, 3) and (m, 3) [m], each in its scanner's frame, and the true pose.
+class Perturbation:
+    """What the causes refer to, for every experiment."""
 
-    `overlapping` (m,) marks the source points that have a reference point near them at that pose.
-    """
-
-    reference: np.ndarray
-    source: np.ndarray
-    T_reference_source: np.ndarray
-    overlapping: np.ndarray
+    initial_pose_rotation: float = option(
+        10.0,
+        "Root of the summed rotation variances of the initial pose at s = 1",
+        unit="deg",
+        above=0,
+        maximum=180,
+    )
+    initial_pose_translation: float = option(
+        0.2,
+        "Root of the summed translation variances of the initial pose at s = 1",
+        unit="m",
+        above=0,
+        maximum=1e4,
+    )
+    overlap_distance: float = option(
+        0.2,
+        "A source point overlaps when a reference point is at most this far away at the true pose",
+        unit="m",
+        above=0,
+        maximum=1e4,
+    )
+    minimum_overlap: float = option(
+        0.1,
+        "Pairs whose overlap ratio is not larger than this are listed, not registered",
+        unit="-",
+        minimum=0,
+        maximum=1,
+    )
 
     @property
-    def overlap(self):
-        """Overlap ratio O = N / |P1| (section "Partial Overlap")."""
-        return self.overlapping.sum() / len(self.reference)
+    def deviation(self):
+        """Standard deviation of xi (6,) at s = 1 [rad x3, m x3]: root of Eq. 4's diagonal."""
+        rotation = np.deg2rad(self.initial_pose_rotation)
+        return np.repeat([rotation, self.initial_pose_translation], 3) / np.sqrt(3)
+
+
+@dataclass(frozen=True)
+class Perturbing:
+    """How a pair is perturbed and filtered, whatever estimates its pose: options of every kind."""
+
+    minimum_range: float = option(
+        1.0,
+        "Points of both clouds nearer to their scanner than this are removed",
+        unit="m",
+        minimum=0,
+        maximum=1e5,
+    )
+    subsampling_probability: float = option(
+        0.05,
+        "Each source point is kept with this probability; 1 keeps all",
+        unit="-",
+        minimum=1e-5,
+        maximum=1,
+    )
+    subsampling_mask: str = option(
+        "redrawn",
+        "redrawn: another mask in each run; frozen: one for all runs; frozen_in_order: one for "
+        "all runs, drawn over the rows that the range filter left, so that a removed point shifts "
+        "the rest",
+        choices=("redrawn", "frozen", "frozen_in_order"),
+    )
+    initial_pose_composition: str = option(
+        "right",
+        "right: T_gt exp(xi) (paper, Eq. 4); left_inverse: exp(-xi) T_gt (released code)",
+        choices=("right", "left_inverse"),
+    )
+    noise_draws: int = option(
+        1,
+        "Draws K of what the causes draw for all runs at once, such as sensor noise; draw k serves "
+        "runs k n/K to (k+1) n/K - 1",
+        unit="-",
+        minimum=1,
+        maximum=10_000,
+    )
+    common_random_numbers: bool = option(
+        True, "Whether the same draws serve every setting of a pair"
+    )
 
 
 @dataclass(frozen=True)
@@ -58,75 +128,71 @@ class Streams:
         return np.random.default_rng(np.random.SeedSequence([self.seed, *words, stream]))
 
 
-def nearest_distances(reference, source, T_reference_source):
-    """Distance [m] of each source point (m, 3) to the nearest reference point at the given pose."""
-    distances, _ = KDTree(reference).query(se3.transform(T_reference_source, source))
-    return distances
+class Start(NamedTuple):
+    """What an estimator gets of a setting: source points (m, 3) [m] and where its runs begin.
 
-
-def initial_poses(T_reference_source, scale, draw, deviation, scaling, composition):
-    """Initial poses around the true one, Eq. 4.
-
-    draw (n, 6) is standard normal, deviation (6,) the standard deviation at scale 1 [rad, m].
-    Returns xi (n, 6) and T_init (n, 4, 4).
+    usable (m,): the points that causes and range filter leave; rows: of each of r runs, its
+    subsample of the usable ones, ascending; initial_xi (r, 6), T_initial (r, 4, 4): initial poses.
     """
-    factor = np.sqrt(scale) if scaling == "covariance" else scale
-    xi = factor * deviation * draw
-    if composition == "right":
-        return xi, T_reference_source @ se3.exp(xi)
-    return xi, se3.exp(-xi) @ T_reference_source
+
+    setting: Setting
+    source: np.ndarray
+    usable: np.ndarray
+    rows: list
+    initial_xi: np.ndarray
+    T_initial: np.ndarray
 
 
-def overlap_order(overlapping, generator):
-    """Rows of the overlapping source points in the order in which a growing lambda removes them."""
-    return generator.permutation(np.flatnonzero(overlapping))
+class Group(NamedTuple):
+    """Settings that share a perturbed reference (n, 3) [m], range-filtered, in one noise draw.
 
-
-def reduce_overlap(pair, reduction, order):
-    """Mask (m,) of the source points that are left when the overlap ratio falls by `reduction`.
-
-    A larger reduction removes a superset. Raises PerturbationError if fewer points overlap.
+    runs (r,): numbers of the runs that the draw serves; streams: of the settings' branch; starts:
+    of each setting, made as they are asked for, since the rows of all may not fit into memory.
+    Starts with the same source points hold the same array, one after the other.
     """
-    count = round(reduction * len(pair.reference))
-    if count > len(order):
-        raise PerturbationError(
-            f"partial_overlap {reduction} would remove {count} source points, "
-            f"but only {len(order)} overlap (overlap ratio {pair.overlap:.4f}).\n"
-            f"Hint: partial_overlap must be at most {len(order) / len(pair.reference):.4f} here."
-        )
-    kept = np.ones(len(pair.source), dtype=bool)
-    kept[order[:count]] = False
-    return kept
+
+    pair: Pair
+    reference: np.ndarray
+    noise_draw: int
+    runs: np.ndarray
+    streams: Streams
+    starts: Iterator[Start]
 
 
-def set_overlap(pair, reference, source, reduction, distance, generator):
-    """Source points after the released code's rule: the noisy overlap is brought to a fixed ratio.
+def groups(pair, settings, estimator, deviation, streams):
+    """The settings (plan.Setting) of a pair, as `Group`s.
 
-    The target is round(O - reduction, 2) with O of the clean scans; within 1e-3 of the clean or
-    the noisy ratio nothing is done; where the noise left too little overlap, reference points are
-    copied with N(0, 1 mm). reference (n, 3) and source (m, 3) [m] are the noisy scans. Raises
-    PerturbationError as `reduce_overlap` does.
+    estimator: an estimators.Estimator; deviation (6,): standard deviation of xi at initial pose
+    scale 1 [rad x3, m x3]; streams: `Streams` of the pair. Raises PerturbationError if a cause
+    cannot be applied to the pair.
     """
-    target = round(pair.overlap - reduction, 2)
-    if abs(target - pair.overlap) < 1e-3:
-        return source
-    if target < 0:
-        raise PerturbationError(
-            f"partial_overlap {reduction} is larger than the overlap ratio {pair.overlap:.4f}.\n"
-            "Hint: choose a smaller partial_overlap for this pair."
-        )
-    overlapping = nearest_distances(reference, source, pair.T_reference_source) <= distance
-    if abs(overlapping.sum() / len(reference) - target) < 1e-3:
-        return source
-    surplus = round(overlapping.sum() - target * len(reference))
-    if surplus >= 0:
-        removed = overlap_order(overlapping, generator)[:surplus]
-        return np.delete(source, removed, axis=0)
-    T_source_reference = se3.inverse(pair.T_reference_source)
-    far = nearest_distances(source, reference, T_source_reference) > distance
-    copied = generator.permutation(np.flatnonzero(far))[:-surplus]
-    jitter = generator.normal(scale=0.001, size=(len(copied), 3))
-    return np.vstack([source, se3.transform(T_source_reference, reference[copied]) + jitter])
+    on_reference = [cause for cause in estimator.causes.values() if cause.acts_on("reference")]
+    for (branch, _), members in _grouped(
+        settings, lambda s: (_branch(s, estimator), s.levels_of(on_reference))
+    ):
+        draws = Draws(pair, estimator, deviation, streams.branched(branch))
+        for noise_draw, runs in enumerate(draws.shares()):
+            moved = draws.moved(members[0], "reference", noise_draw)
+            yield Group(
+                pair,
+                draws.seen_reference(members[0], moved, noise_draw),
+                noise_draw,
+                runs,
+                draws.streams,
+                draws.starts(members, moved, noise_draw, runs),
+            )
+
+
+def batches(starts, size):
+    """Consecutive starts with the same source points, at most `size` at once."""
+    batch = []
+    for start in starts:
+        if batch and (len(batch) == size or start.source is not batch[0].source):
+            yield batch
+            batch = []
+        batch.append(start)
+    if batch:
+        yield batch
 
 
 def subsample(count, probability, generator):
@@ -143,3 +209,156 @@ def subsample(count, probability, generator):
         more = np.cumsum(generator.geometric(probability, size))
         rows = np.concatenate([rows, rows[-1] + more])
     return rows[rows < count]
+
+
+class Draws:
+    """What the causes make of a pair with the draws that the settings of one branch share."""
+
+    def __init__(self, pair, estimator, deviation, streams):
+        self.pair = pair
+        self.perturbing = estimator.perturbing
+        self.number = estimator.number_of_runs
+        self.deviation = deviation
+        self.streams = streams
+        self.subsample = cache(self._subsample)
+        causes = list(estimator.causes.values())
+        self.moving, self.keeping, self.starting, self.thinning = (
+            [cause for cause in causes if cause.hook() == hook] for hook in HOOKS
+        )
+        self.replacing = [cause for cause in causes if cause.acts_when_off]
+
+    @cached_property
+    def initial_pose_draws(self):
+        """Standard normal (runs, 6); what run r draws does not depend on the number of runs."""
+        return self.streams.generator("initial_pose").standard_normal((self.number, 6))
+
+    def shares(self):
+        """Numbers of the runs that each noise draw serves."""
+        return np.split(np.arange(self.number), self.perturbing.noise_draws)
+
+    def moved(self, setting, scan, noise_draw):
+        """The reference or the source (n, 3) [m] of a setting, as it is measured."""
+        points = getattr(self.pair, scan)
+        for cause, level in _on(reversed(self.moving), setting):
+            if scan in cause.scans:
+                points = cause.move(points, scan, level, noise_draw, self.streams)
+        return points
+
+    def seen_reference(self, setting, moved, noise_draw):
+        """The reference (k, 3) [m] that an estimator sees, from the measured one (n, 3)."""
+        points = moved
+        for cause, level in _on(reversed(self.moving), setting):
+            points = cause.move_again(points, "reference", level, noise_draw, self.streams)
+        usable = self.kept(setting, "reference", noise_draw) & self._in_range(points)
+        return points[usable]
+
+    def starts(self, settings, reference, noise_draw, runs):
+        """The `Start` of each setting; those with the same source points one after the other.
+
+        reference (n, 3) [m]: as it is measured; runs (r,): their numbers.
+        """
+        for _, same_source in _grouped(settings, lambda s: s.levels_of(self.moving)):
+            source = self.moved(same_source[0], "source", noise_draw)
+            for _, same_mask in _grouped(same_source, lambda s: s.levels_of(self.keeping)):
+                left, usable = self._usable(same_mask[0], reference, source, noise_draw)
+                for _, same_rows in _grouped(same_mask, lambda s: s.levels_of(self.thinning)):
+                    rows = self._thinned(self.rows(usable, runs), same_rows[0], runs)
+                    for setting in same_rows:
+                        yield Start(setting, left, usable, rows, *self._initial(setting, runs))
+
+    def _usable(self, setting, reference, source, noise_draw):
+        """Source points (k, 3) of a setting, and which of them causes and range filter leave."""
+        for cause in self.replacing:
+            level = setting.level(cause)
+            source = cause.replace(self.pair, reference, source, level, self.streams)
+            self._refuse_others(cause, setting)
+        if self.replacing:
+            return source, self._in_range(source)
+        return source, self.kept(setting, "source", noise_draw) & self._in_range(source)
+
+    def _refuse_others(self, replacing, setting):
+        others = [cause for cause, _ in _on([*self.keeping, *self.thinning], setting)]
+        for cause in others:
+            if cause is not replacing:
+                raise PerturbationError(
+                    f"{cause.name} removes rows of the raw source, which {replacing.name} has "
+                    "replaced by others.\nHint: only `overlap_removal: raw` goes with it."
+                )
+
+    def kept(self, setting, scan, noise_draw):
+        """Mask of the raw rows of a scan that the causes leave."""
+        kept = np.ones(len(getattr(self.pair, scan)), dtype=bool)
+        for cause, level in _on(self.keeping, setting):
+            if scan in cause.scans:
+                kept &= cause.keep(self.pair, scan, level, noise_draw, self.streams)
+        return kept
+
+    def _in_range(self, points):
+        return np.linalg.norm(points, axis=1) > self.perturbing.minimum_range
+
+    def _initial(self, setting, runs):
+        """initial_xi (r, 6) [rad, m] and T_initial (r, 4, 4) of the runs of a setting (Eq. 4)."""
+        deviation = self.deviation
+        for cause, level in _on(self.starting, setting):
+            deviation = cause.start(deviation, level)
+        xi = deviation * self.initial_pose_draws[runs]
+        T_reference_source = self.pair.T_reference_source
+        if self.perturbing.initial_pose_composition == "right":
+            return xi, T_reference_source @ se3.exp(xi)
+        return xi, se3.exp(-xi) @ T_reference_source
+
+    def rows(self, usable, runs):
+        """Source rows of each run: its subsample of the usable ones (m,), ascending.
+
+        Runs with the same subsample get the same array.
+        """
+        if self.perturbing.subsampling_mask == "frozen_in_order":
+            usable = np.flatnonzero(usable).astype(np.int32)
+            return [usable[self.subsample(len(usable), 0)]] * len(runs)
+        takes_all = self.perturbing.subsampling_probability == 1
+        if self.perturbing.subsampling_mask == "frozen" or takes_all:
+            return [self._usable_rows(usable, 0)] * len(runs)
+        return [self._usable_rows(usable, run) for run in runs]
+
+    def _thinned(self, rows, setting, runs):
+        for cause, level in _on(self.thinning, setting):
+            count = len(self.pair.source)
+            rows = [
+                cause.thin(part, run, level, count, self.streams)
+                for part, run in zip(rows, runs, strict=True)
+            ]
+        return rows
+
+    def _usable_rows(self, usable, mask):
+        drawn = self.subsample(len(usable), mask)
+        return drawn[usable[drawn]]
+
+    def _subsample(self, count, mask):
+        generator = self.streams.generator(f"subsample/{mask}")
+        probability = self.perturbing.subsampling_probability
+        return subsample(count, probability, generator).astype(np.int32)
+
+
+def _on(causes, setting):
+    """(cause, level) of the causes that are on in a setting."""
+    levels = ((cause, setting.level(cause)) for cause in causes)
+    return [(cause, level) for cause, level in levels if level != cause.off]
+
+
+def _branch(setting, estimator):
+    """Name of the set of draws that a setting uses; settings with one name share every draw."""
+    branch = f"replicate/{setting.replicate}/" if setting.replicate else ""
+    if setting.again:
+        branch += "again/"
+    if not estimator.perturbing.common_random_numbers:
+        on = _on(estimator.causes.values(), setting)
+        branch += f"setting/{','.join(f'{cause.name}={level}' for cause, level in on)}/"
+    return branch
+
+
+def _grouped(items, key):
+    """Items by key, keys in the order of their first item."""
+    groups = defaultdict(list)
+    for item in items:
+        groups[key(item)].append(item)
+    return groups.items()

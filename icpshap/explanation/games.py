@@ -1,49 +1,106 @@
-"""What each uncertainty source contributes to the uncertainty of a pair, and how sure that is."""
+"""What each cause contributes to the uncertainty of a pair, and how sure that is: two tables."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
 from icpshap.errors import UserError
 from icpshap.explanation import shapley
-from icpshap.explanation.intervals import mean_interval
-from icpshap.explanation.uncertainty import (
-    MINIMUM_RUNS,
-    Estimates,
-    Method,
-    Sample,
+from icpshap.explanation.doubts import (
     clean_again,
     degeneracy,
-    estimate,
+    no_interval,
     null,
-    null_quantile,
     remarks,
+    remarks_of_games,
+)
+from icpshap.explanation.intervals import mean_interval
+from icpshap.explanation.pose_errors import pose_error_columns
+from icpshap.explanation.sample import Sample, samples
+from icpshap.explanation.uncertainty import (
+    Estimate,
+    estimate,
+    kept_runs,
+    perturbed,
     resampled,
-    samples,
-    uncertainty_table,
 )
 
-__all__ = ["Method", "explain", "load_explanation", "resampled_values"]
-
 PAIR = ("sequence", "reference", "source")
-AGAIN_PROBABILITY = 0.99
 
 
-def explain(runs, instances, sources, method, pair, reason=""):
+@dataclass(frozen=True)
+class Explained:
+    """What is read off i games of M causes: an `Estimate` (i, q) of each quantity by its name.
+
+    base_value and f (q = 1): f of the clean setting and of the instance; phi (M); interactions (of
+    the couples of causes, in their order); regression (M): phi by Algorithm 1. n_used: runs left in
+    each replicate and game (replicates, i).
+    """
+
+    base_value: Estimate
+    f: Estimate
+    phi: Estimate
+    interactions: Estimate
+    regression: Estimate
+    n_used: np.ndarray
+
+
+QUANTITIES = {
+    "base_value": lambda game: game[..., :1],
+    "f": lambda game: game[..., -1:],
+    "phi": shapley.shapley_values,
+    "interactions": shapley.interaction_indices,
+    "regression": shapley.kernel_regression,
+}
+
+
+def quantities(game):
+    """All `QUANTITIES` of games (..., 2^M), side by side."""
+    return np.concatenate([read(game) for read in QUANTITIES.values()], axis=-1)
+
+
+def explain_games(replicates, rows, method, **options):
+    """`Explained` of games, rows (i, 2^M) of each replicate; options: of `estimate`.
+
+    With several replicates values are means over them, and their spread gives the intervals.
+    """
+    found = [
+        estimate(sample, row, quantities, method, **options)
+        for sample, row in zip(replicates, rows, strict=True)
+    ]
+    together = found[0]
+    if len(found) > 1:
+        value, low, high = mean_interval(np.array([part.value for part in found]))
+        ratio = np.mean([part.draw_variance_ratio for part in found], axis=0)
+        together = Estimate(value, low, high, ratio)
+    left_out = options.get("leave_out")
+    n_used = [
+        kept_runs(sample, row, method, left_out).sum(axis=1)
+        for sample, row in zip(replicates, rows, strict=True)
+    ]
+    game = np.zeros(rows[0].shape[1])
+    ends = np.cumsum([read(game).shape[-1] for read in QUANTITIES.values()])
+    parts = np.split(np.arange(ends[-1]), ends[:-1])
+    by_name = dict(zip(QUANTITIES, map(together.part, parts), strict=True))
+    return Explained(**by_name, n_used=np.array(n_used))
+
+
+def explain(runs, estimates, instances, off, returns, method, pair, reason=""):
     """Uncertainty table (a row per setting and replicate) and shap table (a row per instance).
 
-    runs: the runs table of one pair; instances: table with `instance` and a column per source;
-    sources: reference value of each uncertainty source by name; pair: (sequence, reference,
-    source). With a reason the pair was not registered: both tables hold NaN and that reason.
+    runs, estimates: tables of one pair (None if not returned); instances: table with `instance` and
+    a column per cause; off: reference value of each cause by name; returns: kind.Returns; pair:
+    (sequence, reference, source). With a reason the pair was not registered: both tables hold NaN
+    and that reason.
     """
-    reference = list(sources.values())
-    games = shapley.coalition_values(instances[list(sources)], reference)
+    reference = list(off.values())
+    games = shapley.coalition_values(instances[list(off)], reference)
     if reason:
-        settings = np.unique(games.reshape(-1, len(sources)), axis=0)
-        replicates = [Sample.without_runs(sources, settings)]
+        settings = np.unique(games.reshape(-1, len(off)), axis=0)
+        replicates = [Sample.without_runs(off, settings, returns)]
     else:
-        replicates = samples(runs, sources)
+        replicates = samples(runs, estimates, off, returns, method)
     uncertainty = pd.concat(
         [
             uncertainty_table(sample, reference, method).assign(replicate=replicate)
@@ -61,42 +118,72 @@ def explain(runs, instances, sources, method, pair, reason=""):
     return uncertainty, shap
 
 
-def quantities(game):
-    """What is read off games (..., 2^M): base value, f, phi, interactions, phi by regression."""
-    parts = [game[..., :1], game[..., -1:], shapley.shapley_values(game)]
-    parts += [shapley.interaction_indices(game), shapley.kernel_regression(game)]
-    return np.concatenate(parts, axis=-1)
+def uncertainty_table(sample, reference, method):
+    """A row per setting: f with its interval and null, runs left out, errors, degeneracy.
 
-
-def quantity_names(sources):
-    """Names of what `quantities` returns."""
-    names = ["base_value", "f", *(f"phi_{a}" for a in sources)]
-    names += [f"interaction_{a}_{b}" for a, b in shapley.pairs(sources)]
-    return [*names, *(f"regression_{a}" for a in sources)]
+    reference (M,): the reference values of the causes, the clean setting.
+    """
+    clean = int(sample.rows(reference))
+    settings = np.arange(len(sample.settings))
+    games = np.column_stack([np.full_like(settings, clean), settings])
+    plain = replace(method, divergence="kl", bias_correction="none")
+    kl = estimate(sample, games, perturbed, plain, intervals=False)
+    f = estimate(sample, games, perturbed, method)
+    n_used = kept_runs(sample, games, method).sum(axis=1)
+    null_mean, null_95 = null(n_used, sample, method)
+    covariance = degeneracy(sample, games, method)
+    return pd.DataFrame(
+        {
+            **dict(zip(sample.causes, sample.settings.T, strict=True)),
+            "again": sample.again,
+            "f": f.value[:, 0],
+            "f_low": f.low[:, 0],
+            "f_high": f.high[:, 0],
+            "f_draw_variance_ratio": f.draw_variance_ratio[:, 0],
+            "kl": kl.value[:, 0],
+            "null_mean": null_mean,
+            "null_95": null_95,
+            "n_runs": sample.xi.shape[1],
+            "n_failed": sample.failed.sum(axis=1),
+            "n_wrong_basin": sample.wrong_basin.sum(axis=1),
+            "n_used": n_used,
+            **covariance,
+            **pose_error_columns(sample),
+            "warning": [
+                remarks(sample, n, covariance["floor_share"][clean], covariance["memory"][clean])
+                for n in n_used
+            ],
+        }
+    )
 
 
 def shap_table(replicates, instances, games, method):
     """A row per instance: f, Shapley values and interactions with intervals, and sensitivities.
 
     replicates: list of `Sample`; games (i, 2^M, M): the settings of each instance's coalitions.
-    With several replicates values are means over them, and their spread gives the intervals.
     """
-    sources = list(replicates[0].sources)
+    causes = list(replicates[0].causes)
     rows = [sample.rows(games) for sample in replicates]
-    found = _combined(replicates, rows, method)
+    found = explain_games(replicates, rows, method)
     n_used = found.n_used.min(axis=0)
     f_again = np.mean([clean_again(sample, method) for sample in replicates])
     variants = {
-        "all": _combined(replicates, rows, method, leave_out=False, intervals=False),
-        "right_basin": _combined(replicates, rows, method, leave_out=True, intervals=False),
-        "floor_tenfold": _combined(replicates, rows, method.with_floor(10.0), intervals=False),
-        "floor_tenth": _combined(replicates, rows, method.with_floor(0.1), intervals=False),
+        "all": explain_games(replicates, rows, method, leave_out=False, intervals=False),
+        "right_basin": explain_games(replicates, rows, method, leave_out=True, intervals=False),
+        "floor_tenfold": explain_games(replicates, rows, method.with_floor(10.0), intervals=False),
+        "floor_tenth": explain_games(replicates, rows, method.with_floor(0.1), intervals=False),
     }
     n_right_basin = variants["right_basin"].n_used.min(axis=0)
-    null_mean, null_95 = null(n_used, method)
+    null_mean, null_95 = null(n_used, replicates[0], method)
     columns = {
-        **_estimate_columns(sources, found, variants),
-        "regression_difference": _regression_difference(found.value, len(sources)),
+        "base_value": found.base_value.value[:, 0],
+        **_columns(["f"], found.f),
+        **_variant_columns(["f"], {kind: other.f for kind, other in variants.items()}),
+        **_phi_columns(causes, found, variants),
+        **_columns(
+            [f"interaction_{a}_{b}" for a, b in shapley.couples(causes)], found.interactions
+        ),
+        "regression_difference": _regression_difference(found),
         "f_again": f_again,
         "null_mean": null_mean,
         "null_95": null_95,
@@ -104,44 +191,45 @@ def shap_table(replicates, instances, games, method):
         "n_used": found.n_used.sum(axis=0),
         "n_failed": _runs_anywhere([sample.failed for sample in replicates], rows),
         "n_wrong_basin": _runs_anywhere([sample.wrong_basin for sample in replicates], rows),
-        "interval_over": _interval_over(replicates),
-        "warning": _warnings(replicates, rows, n_used, n_right_basin, f_again, method),
+        "interval_over": "replicates" if len(replicates) > 1 else replicates[0].units,
+        "no_interval": no_interval(replicates),
+        "warning": remarks_of_games(replicates, rows, n_used, n_right_basin, f_again, method),
     }
-    return instances[["instance", *sources]].reset_index(drop=True).assign(**columns)
+    return instances[["instance", *causes]].reset_index(drop=True).assign(**columns)
 
 
-def _combined(replicates, rows, method, **options):
-    """`Estimates` of games over all replicates: means; n_used (replicates, i)."""
-    found = [
-        estimate(sample, row, quantities, method, **options)
-        for sample, row in zip(replicates, rows, strict=True)
-    ]
-    n_used = np.array([part.n_used for part in found])
-    if len(found) == 1:
-        return replace(found[0], n_used=n_used)
-    value, low, high = mean_interval(np.array([part.value for part in found]))
-    ratio = np.mean([part.draw_variance_ratio for part in found], axis=0)
-    return Estimates(value, low, high, ratio, n_used)
-
-
-def _estimate_columns(sources, found, variants):
-    columns = {"base_value": found.value[:, 0]}
-    for q, name in enumerate(quantity_names(sources)[1 : -len(sources)], start=1):
-        value, low, high = found.value[:, q], found.low[:, q], found.high[:, q]
+def _columns(names, estimate):
+    columns = {}
+    for q, name in enumerate(names):
+        value, low, high = estimate.value[:, q], estimate.low[:, q], estimate.high[:, q]
         columns |= {name: value, f"{name}_low": low, f"{name}_high": high}
-        if name.startswith("phi_"):
-            columns[f"{name}_significant"] = (low > 0) | (high < 0)
-            columns[f"{name}_draw_variance_ratio"] = found.draw_variance_ratio[:, q]
-        if not name.startswith("interaction_"):
-            columns |= {f"{name}_{kind}": other.value[:, q] for kind, other in variants.items()}
     return columns
 
 
-def _regression_difference(value, players):
+def _variant_columns(names, variants):
+    return {
+        f"{name}_{kind}": other.value[:, q]
+        for q, name in enumerate(names)
+        for kind, other in variants.items()
+    }
+
+
+def _phi_columns(causes, found, variants):
+    names = [f"phi_{cause}" for cause in causes]
+    low, high = found.phi.low, found.phi.high
+    columns = _columns(names, found.phi)
+    columns |= _variant_columns(names, {kind: other.phi for kind, other in variants.items()})
+    for q, name in enumerate(names):
+        columns[f"{name}_significant"] = (low[:, q] > 0) | (high[:, q] < 0)
+        columns[f"{name}_draw_variance_ratio"] = found.phi.draw_variance_ratio[:, q]
+    return columns
+
+
+def _regression_difference(found):
     """Largest difference of phi to Algorithm 1's regression, relative to the largest |phi|."""
-    phi, regression = value[:, 2 : 2 + players], value[:, -players:]
-    largest = np.abs(phi).max(axis=1)
-    return np.abs(regression - phi).max(axis=1) / np.where(largest > 0, largest, 1.0)
+    largest = np.abs(found.phi.value).max(axis=1)
+    difference = np.abs(found.regression.value - found.phi.value).max(axis=1)
+    return difference / np.where(largest > 0, largest, 1.0)
 
 
 def _runs_anywhere(marks, rows):
@@ -149,46 +237,18 @@ def _runs_anywhere(marks, rows):
     return sum(mark[row].any(axis=1).sum(axis=1) for mark, row in zip(marks, rows, strict=True))
 
 
-def _warnings(replicates, rows, n_used, n_right_basin, f_again, method):
-    """A text for each game: `remarks`, and what the wrong basins and the A/A value tell."""
-    clean = [
-        degeneracy(sample, row[:1, :1], method)
-        for sample, row in zip(replicates, rows, strict=True)
-    ]
-    floor_share, memory = (max(part[key][0] for part in clean) for key in ("floor_share", "memory"))
-    texts = []
-    for n, right in zip(n_used, n_right_basin, strict=True):
-        found = [remarks(n, floor_share, memory)]
-        if right < MINIMUM_RUNS <= n:
-            found.append(
-                f"fewer than {MINIMUM_RUNS} runs are never in a wrong basin: no value without those"
-            )
-        if n >= MINIMUM_RUNS and f_again > null_quantile(method, n, AGAIN_PROBABILITY):
-            found.append(
-                f"two clean samples differ by {f_again:.2g}, more than Gaussian ones would: a few "
-                "runs make up the covariance"
-            )
-        texts.append("; ".join(filter(None, found)))
-    return texts
-
-
-def _interval_over(replicates):
-    if len(replicates) > 1:
-        return "replicates"
-    return "noise draws" if len(np.unique(replicates[0].noise_draw)) > 1 else "runs"
-
-
-def resampled_values(runs, instances, sources, method, pair, number=200):
+def resampled_values(runs, estimates, instances, off, returns, method, pair, number=200):
     """Shapley values of bootstrap samples of a pair's runs: a row per instance and resample.
 
-    Whole noise draws are drawn again where there are several. Each resample is mirrored at the
-    value of the shap table (basic bootstrap), so that the rows spread as the truth may.
+    Arguments as of `explain`. Whole noise draws are drawn again where there are several. Each
+    resample is mirrored at the value of the shap table (basic bootstrap), so that the rows spread
+    as the truth may; where nothing varies, they do not.
     """
-    games = shapley.coalition_values(instances[list(sources)], list(sources.values()))
+    games = shapley.coalition_values(instances[list(off)], list(off.values()))
     mirrored = np.mean(
         [
             _mirrored(sample, sample.rows(games), method, number)
-            for sample in samples(runs, sources)
+            for sample in samples(runs, estimates, off, returns, method)
         ],
         axis=0,
     )
@@ -196,9 +256,9 @@ def resampled_values(runs, instances, sources, method, pair, number=200):
         [instances["instance"], range(number)], names=["instance", "resample"]
     )
     table = pd.DataFrame(
-        np.swapaxes(mirrored, 0, 1).reshape(-1, len(sources)),
+        np.swapaxes(mirrored, 0, 1).reshape(-1, len(off)),
         index=index,
-        columns=[f"phi_{name}" for name in sources],
+        columns=[f"phi_{name}" for name in off],
     ).reset_index()
     for position, column in enumerate(PAIR):
         table.insert(position, column, pair[position])
@@ -232,7 +292,7 @@ def load_explanation(path):
     ]
     if not names:
         raise UserError(
-            f"{path}: no column phi_<uncertainty source>_low.\n"
+            f"{path}: no column phi_<cause>_low.\n"
             "Hint: give the path of a shap.parquet, such as results/<experiment>/shap.parquet."
         )
     phi = [f"phi_{name}" for name in names]

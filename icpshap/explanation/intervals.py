@@ -1,7 +1,8 @@
 """95 % intervals from the runs alone: what to leave out or draw again, and what follows from it.
 
 The units of a sample are its runs; where several noise draws were made, runs that share one are
-not independent of each other, and the units are whole noise draws. A unit is left out of every
+not independent of each other, and the units are whole noise draws. Samples of an estimator that
+makes them depend on one another, and covariances, have no other units. A unit is left out of every
 setting of a pair at once.
 """
 
@@ -28,22 +29,25 @@ class Resampling:
     bootstrap: slice
 
     @classmethod
-    def of(cls, kept, noise_draw, jackknife=True, bootstrap=0, seed=0):
+    def of(cls, kept, noise_draw, jackknife=True, bootstrap=0, seed=0, exchangeable=True):
         """Resampling of the runs that are kept, bool (n,); noise_draw (n,) is the draw of each.
 
-        jackknife: whether to leave out units (and runs); bootstrap: number of bootstrap rows.
+        jackknife: whether to leave out units (and runs); bootstrap: number of bootstrap rows;
+        exchangeable: whether runs of one noise draw are independent, and so units where there is
+        but one. Where nothing is, every resample is the sample itself.
         """
         runs = np.eye(len(kept))[kept]
         draws = np.unique(noise_draw[kept])[:, None] == noise_draw
-        units = (draws & kept).astype(float) if len(draws) > 1 else runs
+        several = len(draws) > 1
         everything = kept[None].astype(float)
+        units = (draws & kept).astype(float) if several else runs if exchangeable else everything
         counts = np.random.default_rng(seed).multinomial(
             len(units), np.full(len(units), 1 / len(units)), bootstrap
         )
         parts = [
             everything,
-            everything - units if jackknife else units[:0],
-            everything - runs if jackknife and len(draws) > 1 else runs[:0],
+            everything - units if jackknife and len(units) > 1 else units[:0],
+            everything - runs if jackknife and several and exchangeable else runs[:0],
             counts @ units,
         ]
         ends = np.cumsum([len(part) for part in parts])
@@ -59,13 +63,15 @@ class Resampling:
 
         Both are intervals for the true value, free of the bias that values[0] may have: the
         jackknife's middle is the corrected estimate, and the basic (reverse percentile) bootstrap
-        mirrors its resamples at values[0].
+        mirrors its resamples at values[0]. NaN where there are no units.
         """
         upper = (1 + CONFIDENCE) / 2
         if self.bootstrap.start < self.bootstrap.stop:
             quantiles = np.quantile(values[self.bootstrap], [upper, 1 - upper], axis=0)
             return tuple(2 * values[0] - quantiles)
         left_out = values[self.units]
+        if len(left_out) == 0:
+            return np.full((2, *values.shape[1:]), np.nan)
         half = np.sqrt(jackknife_variance(left_out)) * student.ppf(upper, len(left_out) - 1)
         middle = self.jackknife(values)
         return middle - half, middle + half

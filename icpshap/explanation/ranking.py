@@ -1,4 +1,4 @@
-"""Which uncertainty source matters most in a sequence: medians, their order, the paper's values.
+"""Which cause matters most in a sequence: medians, their order, the paper's values.
 
 A two-level bootstrap says how sure they are. Pairs are drawn again in blocks of two neighbours,
 which share a scan, and for each a resample of its runs, in which its Shapley values stay together.
@@ -16,23 +16,25 @@ DRAWS = 2000
 DRAWS_AT_ONCE = 100
 BLOCK = 2
 FEW_PAIRS = 5
+ENDS = ("low", "high")
 OUTLIER_RULES = ("none", "iqr", "positive_then_iqr")
-PAPER_ORDER = ("sensor_noise", "partial_overlap", "initial_pose")
 
 
-def ranking_table(shap, resampled, sources, paper=None, order=PAPER_ORDER, seed=0):
+def ranking_table(shap, resampled, causes, paper=None, order=(), seed=0):
     """A row per sequence and outlier rule: medians of phi, and whether they follow the order.
 
-    shap, resampled: tables of `explanation` for the same pairs and instances; sources: names;
-    paper: table with `sequence` and a column per source. `probability` is the share of the
-    bootstrap in which each source of the order exceeds the next, `p` the largest of the one-sided
-    p values of these steps, `p_holm` that after Holm's correction for the number of sequences.
+    shap, resampled: tables of `games` for the same pairs and instances; causes: names; paper: table
+    with `sequence` and a column per cause; order: names, of which those of the causes count.
+    `probability` is the share of the bootstrap in which each cause of the order exceeds the next,
+    `p` the largest of the one-sided p values of these steps, `p_holm` that after Holm's correction
+    for the number of sequences; with fewer than two causes in order all are NaN, and so is `order`.
     """
+    order = [name for name in order if name in causes]
     rows = []
     for sequence, table in shap.groupby("sequence", sort=False):
         own = resampled[resampled["sequence"] == sequence]
-        values = _by_pair(table, sources, ["instance"])
-        draws = _by_pair(own, sources, ["instance", "resample"])
+        values = _by_pair(table, causes, ["instance"])
+        draws = _by_pair(own, causes, ["instance", "resample"])
         if len(draws) != len(values):
             raise UserError(
                 f"{sequence}: {len(values)} pairs have Shapley values, {len(draws)} have resamples."
@@ -40,14 +42,16 @@ def ranking_table(shap, resampled, sources, paper=None, order=PAPER_ORDER, seed=
             )
         n_pairs = len(values)
         if n_pairs == 0:
-            values, draws = (np.full((*[1] * k, len(sources)), np.nan) for k in (2, 3))
+            values, draws = (np.full((*[1] * k, len(causes)), np.nan) for k in (2, 3))
         for rule in OUTLIER_RULES:
             generator = np.random.default_rng(seed)
             medians = bootstrap_medians(np.moveaxis(draws, 2, 0), rule, generator)
             row = {"sequence": sequence, "outlier_rule": rule, "n_pairs": n_pairs}
-            row |= _medians(values.reshape(-1, len(sources)), rule, medians, sources)
-            row |= _agreement(row, sequence, paper, sources)
-            row |= _order(medians, sources, order)
+            row |= _medians(values.reshape(-1, len(causes)), rule, medians, causes)
+            if n_pairs == 1 and values.size == len(causes) and row["n_removed"] == 0:
+                row |= _own_intervals(table, causes)
+            row |= _agreement(row, sequence, paper, causes)
+            row |= _order(medians, causes, order)
             rows.append(row | {"warning": _few_pairs(n_pairs)})
     table = pd.DataFrame(rows)
     for _, part in table.groupby("outlier_rule"):
@@ -113,23 +117,23 @@ def holm(p):
     return corrected
 
 
-def _by_pair(table, sources, keys):
+def _by_pair(table, causes, keys):
     """Values phi (pairs, *keys, M) of the pairs that have any, in the order of the pairs."""
     table = table.sort_values(["reference", "source", *keys])
     shape = [table[key].nunique() for key in keys]
-    values = table[[f"phi_{name}" for name in sources]].to_numpy()
-    values = values.reshape(-1, *shape, len(sources)) if len(values) else values
+    values = table[[f"phi_{name}" for name in causes]].to_numpy()
+    values = values.reshape(-1, *shape, len(causes)) if len(values) else values
     return values[~np.isnan(values).all(axis=tuple(range(1, values.ndim)))]
 
 
-def _medians(values, rule, medians, sources):
+def _medians(values, rule, medians, causes):
     kept = kept_rows(values, rule)
     median = quantiles(values, kept, [0.5])[0]
     tails = [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]
     low, high = quantiles(medians, ~np.isnan(medians).any(axis=-1), tails)
     n_rows = int(kept_rows(values, "none").sum())
     row = {"n_rows": n_rows, "n_removed": n_rows - int(kept.sum())}
-    for a, name in enumerate(sources):
+    for a, name in enumerate(causes):
         row |= {
             f"median_{name}": median[a],
             f"median_{name}_low": low[a],
@@ -138,10 +142,16 @@ def _medians(values, rule, medians, sources):
     return row
 
 
-def _agreement(row, sequence, paper, sources):
+def _own_intervals(table, causes):
+    """The intervals of the one row that has values: its phi has no second one as a median."""
+    (row,) = table.dropna(subset=[f"phi_{name}" for name in causes]).to_dict(orient="records")
+    return {f"median_{name}_{end}": row[f"phi_{name}_{end}"] for name in causes for end in ENDS}
+
+
+def _agreement(row, sequence, paper, causes):
     """The paper's values, and whether they lie in our intervals."""
     found = {}
-    for name in sources:
+    for name in causes:
         value = np.nan
         if paper is not None and name in paper:
             match = paper.loc[paper["sequence"] == sequence, name]
@@ -151,8 +161,10 @@ def _agreement(row, sequence, paper, sources):
     return found
 
 
-def _order(medians, sources, order):
-    columns = [list(sources).index(name) for name in order]
+def _order(medians, causes, order):
+    if len(order) < 2:
+        return dict.fromkeys(("order", "probability", "p"), np.nan)
+    columns = [list(causes).index(name) for name in order]
     steps = medians[:, columns[:-1]] - medians[:, columns[1:]]
     steps = steps[~np.isnan(steps).any(axis=1)]
     found = {"order": " > ".join(order), "probability": np.nan, "p": np.nan}

@@ -1,20 +1,19 @@
 """How far two samples of pose errors lie apart: the value f that is explained.
 
-A sample holds n pose errors xi = [rotation (rad); translation (m)] of one setting. Every function
-works on any number of leading dimensions, and on weights as well as on whole samples: a run left
-out has weight 0, a run drawn twice by a bootstrap has weight 2. So a jackknife, a bootstrap and an
-exclusion are one matrix product, without the cancellation that downdating suffers when a single
-far-off run makes up the covariance.
+A reading is an entry of `READINGS`; what it may look at is a `Spread`. A sample holds n pose errors
+xi = [rotation (rad); translation (m)] of one setting. Every function works on any number of leading
+dimensions, and on weights as well as on whole samples: a run left out has weight 0, a run drawn
+twice by a bootstrap has weight 2. So a jackknife, a bootstrap and an exclusion are one matrix
+product, without the cancellation that downdating suffers when a single far-off run makes up the
+covariance.
 """
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from scipy.special import digamma
-from scipy.stats import wishart
 
 DIMENSION = 6
 GOOD_STATUS = ("ok", "max_iterations")  # of the runs that enter covariances
@@ -41,19 +40,17 @@ class Reading:
     """One meaning of "uncertainty": `evaluate(clean, perturbed, unbiased)` of two `Spread`s.
 
     `unbiased` takes away what sampling alone adds on average for Gaussian samples *independent*
-    of one another. `null_factor`: that average, in units of the KL's; NaN for a reading of the
-    perturbed sample alone, which knows no null.
+    of one another. compares_with_clean: f of the clean setting is 0 by identity. affine_invariant:
+    f of two samples of one distribution does not depend on which; only then is there a null, of
+    which `null_factor` is the mean, in units of the KL's.
     """
 
     label: str
     unit: str
     evaluate: Callable
-    null_factor: float
-
-    @property
-    def compares_with_clean(self):
-        """Whether f of the clean setting is 0 by identity."""
-        return not np.isnan(self.null_factor)
+    compares_with_clean: bool
+    affine_invariant: bool
+    null_factor: float = np.nan
 
 
 def floor_matrix(rotation, translation):
@@ -82,29 +79,28 @@ def pose_errors(xi):
     return np.sqrt(np.maximum(square - shrink * orthogonal, 0.0)), angle
 
 
-def wrong_basin(xi, translation, rotation):
-    """Runs further than translation [m] or rotation [rad] from their setting's median pose.
-
-    xi (..., n, 6) to bool (..., n). The median is taken component by component over the runs that
-    did not fail; a failed run (NaN) is no wrong basin.
-    """
-    xi = np.asarray(xi, dtype=float)
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "All-NaN slice", RuntimeWarning)
-        median = np.nanmedian(xi, axis=-2, keepdims=True)
-    away = xi - median
-    far = np.linalg.norm(away[..., :3], axis=-1) > rotation
-    return far | (np.linalg.norm(away[..., 3:], axis=-1) > translation)
-
-
-def spread(xi, weights, floor_rotation, floor_translation):
+def spread(xi, weights, floor_rotation, floor_translation, added=0.0, scatters=True):
     """`Spread` (..., r) of samples xi (..., n, 6) under each of r weightings (r, n) of their runs.
 
     Weight 0 leaves a run out (a failed one, NaN, in every weighting), weight 2 counts it twice.
+    added (..., r, 6, 6): a covariance that the estimator itself gives; scatters: whether the
+    scatter of xi counts besides.
     """
     used = weights.any(axis=0)
     xi, weights = xi[..., used, :], weights[:, used].astype(float)
     n = weights.sum(axis=1)
+    result = np.zeros((*xi.shape[:-2], len(weights), DIMENSION, DIMENSION))
+    if scatters:
+        _add_scatter(result, xi, weights, n)
+    result += floor_matrix(floor_rotation, floor_translation)
+    result += added
+    translation, rotation = pose_errors(xi)
+    squares = [np.square(error) @ weights.T / n for error in (rotation, translation)]
+    return Spread(result, n, *squares)
+
+
+def _add_scatter(covariance, xi, weights, n):
+    """Put the sample covariance of xi (..., n, 6) into (..., r, 6, 6)."""
     # About the median: when one far-off run is left out, the spread of the others must not be a
     # difference of large numbers.
     centred = xi - np.median(xi, axis=-2, keepdims=True)
@@ -112,12 +108,7 @@ def spread(xi, weights, floor_rotation, floor_translation):
     row, column = np.triu_indices(DIMENSION)
     scatter = weights @ (centred[..., row] * centred[..., column])
     scatter -= n[:, None] * mean[..., row] * mean[..., column]
-    result = np.empty((*scatter.shape[:-1], DIMENSION, DIMENSION))
-    result[..., row, column] = result[..., column, row] = scatter / (n - 1)[:, None]
-    result += floor_matrix(floor_rotation, floor_translation)
-    translation, rotation = pose_errors(xi)
-    squares = [np.square(error) @ weights.T / n for error in (rotation, translation)]
-    return Spread(result, n, *squares)
+    covariance[..., row, column] = covariance[..., column, row] = scatter / (n - 1)[:, None]
 
 
 def log_determinant(covariance):
@@ -190,18 +181,23 @@ def _rotation_rmse(clean, perturbed, unbiased):
 
 
 READINGS = {
-    "kl": Reading("KL(clean, perturbed)", "nats", _kl, 1.0),
-    "reverse_kl": Reading("KL(perturbed, clean)", "nats", _reverse_kl, 1.0),
-    "symmetric_kl": Reading("symmetric KL", "nats", _symmetric_kl, 2.0),
-    "entropy_difference": Reading("entropy difference", "nats", _entropy_difference, 0.0),
-    "translation_rmse": Reading("translation RMSE", "m", _translation_rmse, np.nan),
-    "rotation_rmse": Reading("rotation RMSE", "rad", _rotation_rmse, np.nan),
+    "kl": Reading("KL(clean, perturbed)", "nats", _kl, True, True, 1.0),
+    "reverse_kl": Reading("KL(perturbed, clean)", "nats", _reverse_kl, True, True, 1.0),
+    "symmetric_kl": Reading("symmetric KL", "nats", _symmetric_kl, True, True, 2.0),
+    "entropy_difference": Reading(
+        "entropy difference", "nats", _entropy_difference, True, True, 0.0
+    ),
+    "translation_rmse": Reading("translation RMSE", "m", _translation_rmse, False, False),
+    "rotation_rmse": Reading("rotation RMSE", "rad", _rotation_rmse, False, False),
 }
 """The meanings of f, by config value; symmetric_kl is the sum of both directions (Jeffreys)."""
 
 
 def null_mean(reading, n, unbiased=False):
-    """Mean of f between two independent samples of n Gaussian runs of the same distribution."""
+    """Mean of f between two independent samples of n Gaussian runs of the same distribution.
+
+    NaN for a reading that is not affine invariant.
+    """
     factor = READINGS[reading].null_factor * (not unbiased)
     return factor * DIMENSION * (DIMENSION + 1) / (2 * (n - DIMENSION - 2))
 
@@ -210,15 +206,19 @@ def null_mean(reading, n, unbiased=False):
 def null_quantile(reading, n, probability, unbiased=False):
     """Simulated quantile of f between two independent samples of n runs of one distribution.
 
-    It does not depend on which distribution. NaN for a reading without a null.
+    NaN for a reading that is not affine invariant, which has no null.
     """
-    if not READINGS[reading].compares_with_clean:
+    if not READINGS[reading].affine_invariant:
         return np.nan
     return np.quantile(_null_values(reading, n, unbiased), probability)
 
 
 @cache
 def _null_values(reading, n, unbiased):
+    from scipy.stats import (
+        wishart,
+    )  # a third of a second, which the configuration need not wait for
+
     generator = np.random.default_rng(n)
     samples = wishart.rvs(n - 1, np.eye(DIMENSION), (2, NULL_DRAWS), generator) / (n - 1)
     clean, perturbed = (Spread(sample, np.float64(n), None, None) for sample in samples)

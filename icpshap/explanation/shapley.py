@@ -1,7 +1,7 @@
 """Shapley values and interactions of a game, exactly.
 
 A game of M players is an array (..., 2^M) of values, indexed by coalition as a bit mask: bit a is
-set if player a is on. The players are the uncertainty sources, in their order.
+set if player a is on. The players are the causes of an experiment, in their order.
 """
 
 from itertools import combinations
@@ -42,7 +42,7 @@ def shapley_values(game):
 
 
 def interaction_indices(game):
-    """Shapley interaction indices (..., M(M-1)/2) of games (..., 2^M), in the order of `pairs`.
+    """Shapley interaction indices (..., M(M-1)/2) of games (..., 2^M), in the order of `couples`.
 
     Grabisch and Roubens (1999), Int. J. Game Theory 28: f(S+ab) - f(S+b) - f(S+a) + f(S) over the
     coalitions S without a and b, weighted by |S|! (M-|S|-2)! / (M-1)!.
@@ -52,7 +52,7 @@ def interaction_indices(game):
     players = on.shape[1]
     weight = np.array([factorial(s) * factorial(players - s - 2) for s in range(players - 1)])
     result = np.empty((*game.shape[:-1], comb(players, 2)))
-    for column, (a, b) in enumerate(pairs(range(players))):
+    for column, (a, b) in enumerate(couples(range(players))):
         without = np.flatnonzero(~on[:, a] & ~on[:, b])
         gain_with_b = game[..., without | 1 << a | 1 << b] - game[..., without | 1 << b]
         gain_alone = game[..., without | 1 << a] - game[..., without]
@@ -61,8 +61,8 @@ def interaction_indices(game):
     return result
 
 
-def pairs(players):
-    """All pairs (a, b) of players, a before b, in the order of `interaction_indices`."""
+def couples(players):
+    """All couples (a, b) of players, a before b, in the order of `interaction_indices`."""
     return list(combinations(players, 2))
 
 

@@ -1,68 +1,38 @@
-"""How the uncertainty sources act."""
+"""The seam: streams, subsamples, and what estimators get of a setting."""
 
-from dataclasses import replace
-from itertools import pairwise
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from scipy.stats import kstest
 
 from icpshap import se3
-from icpshap.estimators import perturb as perturbation
-from icpshap.estimators.perturb import PerturbationError, Streams
+from icpshap.causes import CAUSES
+from icpshap.causes.cause import Cause
+from icpshap.errors import PerturbationError
+from icpshap.estimators import Estimator, perturb
+from icpshap.estimators.perturb import Draws, Streams
+from icpshap.plan import Setting
 
 STREAMS = Streams(seed=1, sequence="room", reference=0, source=1)
 DEVIATION = np.repeat([np.deg2rad(10), 0.2], 3) / np.sqrt(3)
+NAMES = ("sensor_noise", "initial_pose", "partial_overlap")
 
 
-def order_of(pair):
-    return perturbation.overlap_order(pair.overlapping, STREAMS.generator("overlap"))
+def draws(pair, names=NAMES, **values):
+    estimator = Estimator.of("monte_carlo", values).of_causes(names)
+    return Draws(pair, estimator, DEVIATION, STREAMS)
 
 
-def test_overlap_counts_source_points_near_the_reference(room_pair):
-    moved = se3.transform(room_pair.T_reference_source, room_pair.source)
-    distances = np.linalg.norm(moved[:, None] - room_pair.reference[None], axis=2).min(axis=1)
-    np.testing.assert_array_equal(room_pair.overlapping, distances <= 0.2)
-    assert room_pair.overlap == (distances <= 0.2).sum() / len(room_pair.reference)
+def groups(pair, settings, names=NAMES, **values):
+    estimator = Estimator.of("monte_carlo", values).of_causes(names)
+    return list(perturb.groups(pair, settings, estimator, DEVIATION, STREAMS))
 
 
-@pytest.mark.parametrize("reduction", [0.0, 0.01, 0.05, 0.0501, 0.5])
-def test_overlap_falls_by_exactly_the_share_asked_for(room_pair, reduction):
-    kept = perturbation.reduce_overlap(room_pair, reduction, order_of(room_pair))
-    assert (~kept).sum() == round(reduction * len(room_pair.reference))
-    assert not (~kept & ~room_pair.overlapping).any()
-
-
-def test_a_larger_reduction_removes_a_superset(room_pair):
-    order = order_of(room_pair)
-    masks = [perturbation.reduce_overlap(room_pair, r, order) for r in (0.01, 0.03, 0.1)]
-    for less, more in pairwise(masks):
-        assert not (more & ~less).any()
-
-
-def test_more_reduction_than_overlap_is_refused(room_pair):
-    with pytest.raises(PerturbationError, match=r"Hint: partial_overlap must be at most 0\.\d+"):
-        perturbation.reduce_overlap(room_pair, 1.0, order_of(room_pair)[:-1])
-
-
-@pytest.mark.parametrize(
-    ("scaling", "factor"), [("covariance", np.sqrt(2)), ("standard_deviation", 2)]
-)
-def test_initial_poses_scale_one_and_the_same_draw(room_pair, scaling, factor):
-    draw = np.random.default_rng(0).standard_normal((5, 6))
-    T = room_pair.T_reference_source
-    xi, T_initial = perturbation.initial_poses(T, 2.0, draw, DEVIATION, scaling, "right")
-    np.testing.assert_allclose(xi, factor * DEVIATION * draw)
-    np.testing.assert_allclose(se3.log(se3.inverse(T) @ T_initial), xi, atol=1e-12)
-
-
-def test_released_code_composes_on_the_left_with_the_inverse(room_pair):
-    draw = np.random.default_rng(0).standard_normal((5, 6))
-    T = room_pair.T_reference_source
-    xi, T_initial = perturbation.initial_poses(
-        T, 1.0, draw, DEVIATION, "covariance", "left_inverse"
-    )
-    np.testing.assert_allclose(se3.log(T_initial @ se3.inverse(T)), -xi, atol=1e-12)
+def test_the_deviation_is_the_root_of_equation_4():
+    found = perturb.Perturbation(initial_pose_rotation=9.0, initial_pose_translation=0.6).deviation
+    np.testing.assert_allclose(found, np.repeat([np.deg2rad(9.0), 0.6], 3) / np.sqrt(3))
 
 
 def test_streams_differ_by_every_part_of_their_name():
@@ -74,14 +44,84 @@ def test_streams_differ_by_every_part_of_their_name():
         Streams(1, "room", 0, 2),
         STREAMS.branched("again/"),
     ]
-    draws = [streams.generator("noise").standard_normal() for streams in names]
-    draws.append(STREAMS.generator("overlap").standard_normal())
-    assert len(set(draws)) == len(draws)
-    assert STREAMS.generator("noise").standard_normal() == draws[0]
+    found = [streams.generator("noise").standard_normal() for streams in names]
+    found.append(STREAMS.generator("overlap").standard_normal())
+    assert len(set(found)) == len(found)
+    assert STREAMS.generator("noise").standard_normal() == found[0]
+
+
+@pytest.mark.parametrize(
+    ("composition", "on_the_right"), [("right", True), ("left_inverse", False)]
+)
+def test_initial_poses_are_composed_as_the_option_says(room_pair, composition, on_the_right):
+    (group,) = groups(room_pair, [Setting.at({})], initial_pose_composition=composition)
+    (start,) = group.starts
+    T, xi = room_pair.T_reference_source, start.initial_xi
+    draw = STREAMS.generator("initial_pose").standard_normal((100, 6))
+    np.testing.assert_array_equal(xi, DEVIATION * draw)
+    if on_the_right:
+        np.testing.assert_allclose(se3.log(se3.inverse(T) @ start.T_initial), xi, atol=1e-12)
+    else:
+        np.testing.assert_allclose(se3.log(start.T_initial @ se3.inverse(T)), -xi, atol=1e-12)
+
+
+def test_settings_with_the_same_reference_come_together(room_pair):
+    settings = [
+        Setting.at(dict(zip(NAMES, values, strict=True)))
+        for values in [(0, 1, 0), (0.05, 1, 0), (0, 2, 0), (0.05, 1, 0.1), (0, 1, 0.1)]
+    ]
+    found = groups(room_pair, settings, noise_draws=2)
+    assert [group.noise_draw for group in found] == [0, 1, 0, 1]
+    of_clean = [start.setting for start in found[0].starts]
+    assert set(of_clean) == {settings[0], settings[2], settings[4]}
+    assert [group.runs.tolist() for group in found[:2]] == [list(range(50)), list(range(50, 100))]
+
+
+def test_starts_with_the_same_source_hold_the_same_array_one_after_the_other(room_pair):
+    settings = [
+        Setting.at(dict(zip(NAMES, values, strict=True)))
+        for values in [(0.05, 1, 0), (0.05, 1, 0.1), (0.05, 2, 0)]
+    ]
+    (group,) = groups(room_pair, settings)
+    starts = list(group.starts)
+    assert all(start.source is starts[0].source for start in starts)
+    assert len(list(perturb.batches(iter(starts), 10))) == 1
+    assert [len(batch) for batch in perturb.batches(iter(starts), 2)] == [2, 1]
+
+
+def test_nearby_points_are_no_business_of_the_estimator(room_pair):
+    (group,) = groups(room_pair, [Setting.at({})], minimum_range=4.0)
+    (start,) = group.starts
+    assert np.linalg.norm(group.reference, axis=1).min() > 4.0
+    far = np.linalg.norm(room_pair.source, axis=1) > 4.0
+    np.testing.assert_array_equal(start.usable, far)
+    assert all(far[rows].all() for rows in start.rows)
+
+
+@pytest.mark.parametrize(("mask", "shifted"), [("frozen", False), ("frozen_in_order", True)])
+def test_in_order_a_removed_point_shifts_the_rest(room_pair, mask, shifted):
+    given = draws(room_pair, subsampling_mask=mask, subsampling_probability=0.2)
+    every = np.ones(len(room_pair.source), dtype=bool)
+    without = every.copy()
+    without[100] = False
+    (before,), (after,) = given.rows(every, [0]), given.rows(without, [0])
+    np.testing.assert_array_equal(before[before < 100], after[after < 100])
+    common = np.intersect1d(before, after)
+    assert (len(common) < 0.7 * len(before)) == shifted
+
+
+@pytest.mark.parametrize("kept", [{"subsampling_probability": 1.0}, {"subsampling_mask": "frozen"}])
+def test_runs_with_the_same_subsample_share_its_rows(room_pair, kept):
+    """As many copies as runs would not fit into memory for the full scans of the data sets."""
+    usable = np.arange(len(room_pair.source)) > 5
+    rows = draws(room_pair, **{"subsampling_probability": 0.2, **kept}).rows(usable, np.arange(100))
+    assert len(rows) == 100
+    assert all(run is rows[0] for run in rows)
+    assert rows[0].min() > 5
 
 
 def test_subsampling_keeps_rows_with_the_probability_asked_for():
-    rows = [perturbation.subsample(20_000, 0.05, np.random.default_rng(seed)) for seed in range(50)]
+    rows = [perturb.subsample(20_000, 0.05, np.random.default_rng(seed)) for seed in range(50)]
     assert all((np.diff(kept) > 0).all() and kept[0] >= 0 and kept[-1] < 20_000 for kept in rows)
     counts = np.array([len(kept) for kept in rows])
     assert abs(counts.mean() - 1000) < 5 * np.sqrt(950 / 50)
@@ -89,48 +129,97 @@ def test_subsampling_keeps_rows_with_the_probability_asked_for():
 
 
 def test_subsampling_of_a_longer_cloud_begins_with_the_same_rows():
-    short, long = (perturbation.subsample(n, 0.3, np.random.default_rng(4)) for n in (1000, 50_000))
+    short, long = (perturb.subsample(n, 0.3, np.random.default_rng(4)) for n in (1000, 50_000))
     np.testing.assert_array_equal(short, long[: len(short)])
 
 
 def test_probability_one_keeps_every_row():
-    np.testing.assert_array_equal(
-        perturbation.subsample(7, 1, np.random.default_rng(0)), np.arange(7)
-    )
+    np.testing.assert_array_equal(perturb.subsample(7, 1, np.random.default_rng(0)), np.arange(7))
 
 
-class TestReleasedCodesOverlap:
-    """`set_overlap`: the overlap after the noise is brought to an absolute ratio."""
+# --- causes of every hook together, made for the test ---------------------------------------------
 
-    def overlap(self, pair, reference, source):
-        T = pair.T_reference_source
-        return (perturbation.nearest_distances(reference, source, T) <= 0.2).sum() / len(reference)
 
-    def set_overlap(self, pair, reference, source, reduction):
-        generator = STREAMS.generator("overlap")
-        return perturbation.set_overlap(pair, reference, source, reduction, 0.2, generator)
+@dataclass(frozen=True)
+class Rounded(Cause):
+    """Coordinates are rounded to a step: what the scanner does last."""
 
-    def test_removes_down_to_the_rounded_target(self, room_pair):
-        source = self.set_overlap(room_pair, room_pair.reference, room_pair.source, 0.05)
-        target = round(room_pair.overlap - 0.05, 2)
-        reached = self.overlap(room_pair, room_pair.reference, source)
-        assert reached == pytest.approx(target, abs=1 / len(room_pair.reference))
+    name: ClassVar = "rounded"
+    order: ClassVar = 5
 
-    def test_copies_reference_points_where_the_noise_left_too_few(self, room_pair):
-        far = room_pair.source + np.where(np.arange(len(room_pair.source)) % 2, 30.0, 0.0)[:, None]
-        source = self.set_overlap(room_pair, room_pair.reference, far, 0.4)
-        assert len(source) > len(far)
-        np.testing.assert_array_equal(source[: len(far)], far)
-        copied = se3.transform(room_pair.T_reference_source, source[len(far) :])
-        nearest = np.linalg.norm(copied[:, None] - room_pair.reference, axis=2).min(axis=1)
-        assert nearest.max() < 0.01
+    def move(self, points, scan, level, draw, streams):
+        return np.round(points / level) * level
 
-    @pytest.mark.parametrize("reduction", [0.0, 0.004])
-    def test_leaves_alone_what_is_within_a_thousandth(self, room_pair, reduction):
-        overlapping = np.arange(len(room_pair.source)) < 0.8 * len(room_pair.reference)
-        pair = replace(room_pair, overlapping=overlapping)
-        assert self.set_overlap(pair, pair.reference, pair.source, reduction) is pair.source
 
-    def test_refuses_a_target_below_zero(self, room_pair):
-        with pytest.raises(PerturbationError, match="larger than the overlap ratio"):
-            self.set_overlap(room_pair, room_pair.reference, room_pair.source, 1.5)
+@dataclass(frozen=True)
+class Shadow(Cause):
+    """Points of both scans with a small y are lost."""
+
+    name: ClassVar = "shadow"
+
+    def keep(self, pair, scan, level, draw, streams):
+        return getattr(pair, scan)[:, 1] > level
+
+
+@dataclass(frozen=True)
+class Thinned(Cause):
+    """A run uses every other of its rows."""
+
+    name: ClassVar = "thinned"
+
+    def thin(self, rows, run, level, count, streams):
+        return rows[::2]
+
+
+@pytest.fixture
+def more_causes(monkeypatch):
+    for cause in (Rounded, Shadow, Thinned):
+        monkeypatch.setitem(CAUSES, cause.name, cause)
+
+
+def test_every_hook_acts(room_pair, more_causes):
+    values = {"rounded": 0.01, "sensor_noise": 0.05, "shadow": 2.0, "thinned": 1}
+    (group,) = groups(room_pair, [Setting.at(values)], tuple(values), subsampling_probability=0.5)
+    (start,) = group.starts
+    # Moves act in the reverse order of the tables: the noise first, then what is rounded.
+    for points in (group.reference, start.source):
+        np.testing.assert_allclose(points, np.round(points, 2), atol=1e-12)
+    noise = STREAMS.generator("noise/source/0").standard_normal(room_pair.source.shape)
+    np.testing.assert_allclose(start.source, np.round(room_pair.source + 0.05 * noise, 2))
+    # Masks are of the raw scans, and those of the reference act on the reference.
+    np.testing.assert_array_equal(start.usable, room_pair.source[:, 1] > 2.0)
+    assert len(group.reference) == (room_pair.reference[:, 1] > 2.0).sum()
+    usable = draws(room_pair, subsampling_probability=0.5).rows(start.usable, [4])
+    np.testing.assert_array_equal(start.rows[4], usable[0][::2])
+
+
+def test_what_changes_the_reference_makes_groups(room_pair, more_causes):
+    settings = [Setting.at({"shadow": y, "thinned": t}) for y in (0.0, 2.0) for t in (0, 1)]
+    assert len(groups(room_pair, settings, ("shadow", "thinned"))) == 2
+
+
+def test_rows_that_the_released_code_replaced_cannot_be_masked(room_pair, more_causes):
+    setting = Setting.at({"partial_overlap": 0.05, "shadow": 2.0})
+    with pytest.raises(PerturbationError, match=r"shadow removes rows .* partial_overlap"):
+        (group,) = groups(
+            room_pair, [setting], ("partial_overlap", "shadow"), overlap_removal="noisy"
+        )
+        list(group.starts)
+
+
+def test_the_released_codes_overlap_acts_though_it_is_not_named(room_pair):
+    """At lambda 0 it brings the overlap to a rounded ratio; so it does where nothing is named."""
+    overlapping = np.arange(len(room_pair.source)) < 0.854 * len(room_pair.reference)
+    pair = replace(room_pair, overlapping=overlapping)
+    found = []
+    for values in ({"partial_overlap": 0.0}, {}):
+        (group,) = groups(pair, [Setting.at(values)], tuple(values), overlap_removal="noisy")
+        found.append(next(group.starts).source)
+    assert len(found[0]) < len(pair.source)
+    np.testing.assert_array_equal(*found)
+
+
+def test_without_common_random_numbers_the_causes_that_are_on_name_the_draws(room_pair):
+    settings = [Setting.at(dict(zip(NAMES, v, strict=True))) for v in [(0, 1, 0), (0, 2, 0)]]
+    streams = [g.streams.branch for g in groups(room_pair, settings, common_random_numbers=False)]
+    assert streams == ["setting//", "setting/initial_pose=2/"]

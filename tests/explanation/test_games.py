@@ -1,4 +1,4 @@
-"""What each source contributes: properties of the tables, and coverage of a known truth."""
+"""What each cause contributes: properties of the tables, and coverage of a known truth."""
 
 import time
 
@@ -7,21 +7,22 @@ import numpy as np
 import pandas as pd
 import pytest
 import shap
-from known_runs import LEVELS, SOURCES, instances, runs_table, true_game
+from known_runs import LEVELS, OFF, instances, runs_table, true_game
 
-from icpshap import tables
+from icpshap import causes, tables
 from icpshap.errors import UserError
-from icpshap.explanation import games as explanation
-from icpshap.explanation import shapley
-from icpshap.explanation.games import Method
+from icpshap.estimators.kind import SAMPLES
+from icpshap.explanation import games, shapley
+from icpshap.explanation.method import Method
 
 matplotlib.use("Agg")
 PAIR = ("room", 0, 1)
-PHI = [f"phi_{name}" for name in SOURCES]
+PHI = [f"phi_{name}" for name in OFF]
 
 
 def explain(runs, full=False, levels=LEVELS, **method):
-    return explanation.explain(runs, instances(levels, full), SOURCES, Method(**method), PAIR)
+    given = (runs, None, instances(levels, full), OFF, SAMPLES, Method(**method), PAIR)
+    return games.explain(*given)
 
 
 def explain_one(runs, **method):
@@ -30,21 +31,22 @@ def explain_one(runs, **method):
 
 def test_columns_are_those_of_the_tables():
     for found, name in zip(explain(runs_table()), ("uncertainty", "shap"), strict=True):
-        assert set(found) == {column.name for column in tables.TABLES[name]}
+        columns = tables.columns(name, causes.named(OFF))
+        assert set(found) == {column.name for column in columns}
 
 
 def test_values_are_the_shapley_values_of_the_settings():
     uncertainty, table = explain(runs_table())
     row = table.iloc[0]
-    f = uncertainty[uncertainty["draws"] == 0].set_index(list(SOURCES))["f"]
-    settings = shapley.coalition_values(instances()[list(SOURCES)], list(SOURCES.values()))[0]
+    f = uncertainty[~uncertainty["again"]].set_index(list(OFF))["f"]
+    settings = shapley.coalition_values(instances()[list(OFF)], list(OFF.values()))[0]
     game = np.array([f.loc[tuple(setting)] for setting in settings])
     np.testing.assert_allclose(row[PHI].astype(float), shapley.shapley_values(game))
     assert row["f"] == pytest.approx(f.loc[0.05, 1.5, 0.05])
     assert row["interaction_initial_pose_partial_overlap"] == pytest.approx(
         shapley.interaction_indices(game)[2]
     )
-    assert row["f_again"] == uncertainty.loc[uncertainty["draws"] == 1, "f"].item()
+    assert row["f_again"] == uncertainty.loc[uncertainty["again"], "f"].item()
 
 
 def test_base_value_and_phi_add_up_to_f():
@@ -55,7 +57,7 @@ def test_base_value_and_phi_add_up_to_f():
         assert (table["base_value"].abs() > 1e-6).all() == (divergence == "rotation_rmse")
 
 
-def test_a_source_at_its_reference_value_contributes_exactly_nothing():
+def test_a_cause_at_its_reference_value_contributes_exactly_nothing():
     _, table = explain(runs_table(), full=True)
     off = table[table["sensor_noise"] == 0]
     columns = ["phi_sensor_noise", "phi_sensor_noise_low", "phi_sensor_noise_high"]
@@ -110,7 +112,7 @@ def test_fewer_than_fifty_runs_are_not_explained():
 def test_clean_samples_that_differ_more_than_gaussian_ones_are_named():
     runs = runs_table()
     assert explain_one(runs)["warning"] == ""
-    far = (runs["draws"] == 1) & (runs["run"] == 7)
+    far = runs["again"] & (runs["run"] == 7)
     runs.loc[far, "xi_3"] += 1.0
     row = explain_one(runs)
     assert row["f_again"] > row["null_95"]
@@ -119,7 +121,7 @@ def test_clean_samples_that_differ_more_than_gaussian_ones_are_named():
 
 def test_too_few_runs_outside_wrong_basins_are_named():
     runs = runs_table()
-    runs["wrong_basin"] = runs["run"] < 30 + 25 * (runs["sensor_noise"] > 0)
+    runs.loc[runs["run"] < 30 + 25 * (runs["sensor_noise"] > 0), "xi_3"] += 0.5
     row = explain_one(runs)
     assert row["n_used"] == 100
     assert np.isnan(row["f_right_basin"])
@@ -157,13 +159,14 @@ def test_interval_over():
 
 
 def test_a_pair_that_was_not_registered_stays_in_the_tables_with_its_reason():
-    found = explanation.explain(None, instances(full=True), SOURCES, Method(), PAIR, "no overlap")
+    given = (None, None, instances(full=True), OFF, SAMPLES, Method(), PAIR, "no overlap")
+    found = games.explain(*given)
     for table in found:
         assert len(table) == 8
         assert table["f"].isna().all()
         assert (table["reason"] == "no overlap").all()
         assert (table["warning"] == "").all()
-        assert set(table[list(explanation.PAIR)].itertuples(index=False, name=None)) == {PAIR}
+        assert set(table[list(games.PAIR)].itertuples(index=False, name=None)) == {PAIR}
 
 
 def test_intervals_hold_the_truth_at_the_nominal_rate():
@@ -179,7 +182,7 @@ def test_intervals_hold_the_truth_at_the_nominal_rate():
 
 
 def test_interactions_of_additive_variances():
-    """f is not additive even when variances are: two sources that widen the same direction."""
+    """f is not additive even when variances are: two causes that widen the same direction."""
     variances = 1.0 + shapley.coalitions(2).astype(float) @ [9.0, 9.0]
     game = (1 / variances - 1 + np.log(variances)) / 2
     assert shapley.interaction_indices(game)[0] == pytest.approx(-0.4040, abs=1e-4)
@@ -187,14 +190,13 @@ def test_interactions_of_additive_variances():
 
 def test_resampled_values_spread_about_the_value_as_the_interval_does():
     runs = runs_table()
-    resampled = explanation.resampled_values(
-        runs, instances(), SOURCES, Method(), PAIR, number=2000
-    )
+    given = (runs, None, instances(), OFF, SAMPLES, Method(), PAIR)
+    resampled = games.resampled_values(*given, number=2000)
     row = explain_one(runs, interval="bootstrap")
     ends = resampled["phi_partial_overlap"].quantile([0.025, 0.975]).to_numpy()
     expected = row[["phi_partial_overlap_low", "phi_partial_overlap_high"]].to_numpy(dtype=float)
     np.testing.assert_allclose(ends, expected, atol=0.1 * np.ptp(expected))
-    assert resampled.columns.tolist()[:5] == [*explanation.PAIR, "instance", "resample"]
+    assert resampled.columns.tolist()[:5] == [*games.PAIR, "instance", "resample"]
 
 
 def test_a_grid_is_explained_in_proportion_to_ten_seconds_for_the_papers():
@@ -207,14 +209,16 @@ def test_a_grid_is_explained_in_proportion_to_ten_seconds_for_the_papers():
 
 def test_load_explanation_serves_the_plots_of_shap(tmp_path):
     _, table = explain(runs_table(), full=True)
-    _, lost = explanation.explain(None, instances(), SOURCES, Method(), PAIR, "no overlap")
-    tables.write(tmp_path / "shap.parquet", pd.concat([table, lost], ignore_index=True), "shap")
-    loaded = explanation.load_explanation(tmp_path / "shap.parquet")
+    given = (None, None, instances(), OFF, SAMPLES, Method(), PAIR, "no overlap")
+    _, lost = games.explain(*given)
+    both = pd.concat([table, lost], ignore_index=True)
+    tables.write(tmp_path / "shap.parquet", both, "shap", causes=OFF)
+    loaded = games.load_explanation(tmp_path / "shap.parquet")
     np.testing.assert_array_equal(loaded.values, table[PHI])
     np.testing.assert_array_equal(loaded.lower_bounds, table[[f"{phi}_low" for phi in PHI]])
     np.testing.assert_array_equal(loaded.base_values, table["base_value"])
-    np.testing.assert_array_equal(loaded.data, table[list(SOURCES)])
-    assert loaded.feature_names == list(SOURCES)
+    np.testing.assert_array_equal(loaded.data, table[list(OFF)])
+    assert loaded.feature_names == list(OFF)
     shap.plots.waterfall(loaded[-1], show=False)
     shap.plots.beeswarm(loaded, show=False)
     shap.plots.scatter(loaded[:, "sensor_noise"], color=loaded, show=False)
@@ -226,4 +230,4 @@ def test_load_explanation_says_which_file_it_wants(tmp_path):
     path = tmp_path / "uncertainty.parquet"
     pd.DataFrame({"f": [1.0]}).to_parquet(path)
     with pytest.raises(UserError, match=r"uncertainty.parquet: no column phi_.*\nHint: .*shap"):
-        explanation.load_explanation(path)
+        games.load_explanation(path)

@@ -1,4 +1,4 @@
-"""The whole workflow with an estimator whose truth is known, in the place of ICP."""
+"""The whole workflow with an estimator whose truth is known: one more file of the library."""
 
 import itertools
 import shutil
@@ -7,15 +7,14 @@ import numpy as np
 import pandas as pd
 import yaml
 from conftest import REPOSITORY
-from known_runs import true_game
+from known_runs import OFF, true_game
 from project import TINY, Project
 
-from icpshap.causes import NAMES
 from icpshap.explanation import shapley
 
 SCANS = 7
 PERTURBATION = [0.05, 1.5, 0.05]  # of which known_runs.true_game is the game
-PHI = [f"phi_{name}" for name in NAMES]
+PHI = [f"phi_{name}" for name in OFF]
 
 
 def project_with_known_estimator(folder):
@@ -24,7 +23,7 @@ def project_with_known_estimator(folder):
     (folder / "code").mkdir()
     project = project.with_copied_code(folder / "code")
     for file, place in (
-        ("known_estimator", "icpshap/estimators/monte_carlo"),
+        ("known_estimator", "icpshap/estimators/known"),
         ("known_runs", "known_runs"),
     ):
         shutil.copy(REPOSITORY / "tests" / f"{file}.py", project.code / f"{place}.py")
@@ -42,11 +41,12 @@ def project_with_known_estimator(folder):
         "sequences": ["cubes"],
         "run": ["known"],
         "data": {"cubes": {"scans": SCANS, "folder": {"path": "scans"}}},
+        "estimators": {"known": {"kind": "known"}},
         "experiments": {
             "known": {
-                "estimator": "paper",
+                "estimator": "known",
                 "pairs": pairs,
-                "instances": {"fixed": dict(zip(NAMES, PERTURBATION, strict=True))},
+                "instances": {"fixed": dict(zip(OFF, PERTURBATION, strict=True))},
                 "figures": ["summary"],
             }
         },

@@ -1,4 +1,4 @@
-"""Medians, outlier rules and the order of the sources, with their probabilities."""
+"""Medians, outlier rules and the order of the causes, with their probabilities."""
 
 import csv
 from pathlib import Path
@@ -11,8 +11,9 @@ from icpshap.errors import UserError
 from icpshap.explanation import ranking
 
 REFERENCE = Path(__file__).parents[2] / "reference"
-SOURCES = ["sensor_noise", "initial_pose", "partial_overlap"]
-PHI = [f"phi_{name}" for name in SOURCES]
+CAUSES = ["sensor_noise", "initial_pose", "partial_overlap"]
+ORDER = ["sensor_noise", "partial_overlap", "initial_pose"]
+PHI = [f"phi_{name}" for name in CAUSES]
 CLEAR = (10.0, 1.0, 3.0)
 
 
@@ -32,9 +33,23 @@ def tables(centre, pairs=12, spread=0.5, noise=0.3, resamples=50, sequence="room
     ]
 
 
-def rank(shap, resampled, **options):
-    table = ranking.ranking_table(shap, resampled, SOURCES, **options)
+def rank(shap, resampled, causes=CAUSES, **options):
+    table = ranking.ranking_table(shap, resampled, causes, **{"order": ORDER} | options)
     return table[table["outlier_rule"] == "iqr"].set_index("sequence")
+
+
+def test_the_one_phi_of_a_sequence_has_one_interval():
+    """Not a second one as the median of one value."""
+    shap, resampled = tables(CLEAR, pairs=1)
+    for phi in PHI:
+        shap[f"{phi}_low"], shap[f"{phi}_high"] = shap[phi] - 0.25, shap[phi] + 0.5
+    table = ranking.ranking_table(shap, resampled, CAUSES)
+    for name in CAUSES:
+        value = shap[f"phi_{name}"].item()
+        found = table.loc[
+            table["outlier_rule"] == "none", [f"median_{name}{e}" for e in ("", "_low", "_high")]
+        ]
+        assert found.to_numpy()[0] == pytest.approx([value, value - 0.25, value + 0.5])
 
 
 def test_a_clear_order_is_probable():
@@ -56,12 +71,29 @@ def test_the_weakest_step_decides():
     assert row["probability"] == pytest.approx(1 - row["p"], abs=0.01)
 
 
+def test_the_order_is_restricted_to_the_causes_that_are_there():
+    shap, resampled = tables(CLEAR)
+    row = rank(shap, resampled, ["sensor_noise", "initial_pose"]).loc["room"]
+    assert row["order"] == "sensor_noise > initial_pose"
+    assert row["probability"] == 1.0
+    assert "median_partial_overlap" not in row
+
+
+@pytest.mark.parametrize(
+    "causes, order", [(["sensor_noise"], ORDER), (CAUSES, ORDER[:1]), (CAUSES, [])]
+)
+def test_fewer_than_two_causes_have_no_order(causes, order):
+    row = rank(*tables(CLEAR), causes, order=order).loc["room"]
+    assert row[["order", "probability", "p", "p_holm"]].isna().all()
+    assert np.isfinite(row["median_sensor_noise"])
+
+
 def test_median_is_that_of_the_pairs_left_and_lies_in_its_interval():
     shap, resampled = tables(CLEAR)
     shap.loc[4, "phi_initial_pose"] = 50.0
     row = rank(shap, resampled).loc["room"]
     assert (row["n_pairs"], row["n_rows"], row["n_removed"]) == (12, 12, 1)
-    for name in SOURCES:
+    for name in CAUSES:
         assert row[f"median_{name}"] == pytest.approx(shap.drop(index=4)[f"phi_{name}"].median())
         low, high = row[f"median_{name}_low"], row[f"median_{name}_high"]
         assert low < row[f"median_{name}"] < high
@@ -71,7 +103,7 @@ def test_interval_of_the_median_covers_the_truth():
     inside = np.zeros(3)
     for seed in range(60):
         row = rank(*tables(CLEAR, pairs=30, seed=seed)).loc["room"]
-        for a, name in enumerate(SOURCES):
+        for a, name in enumerate(CAUSES):
             inside[a] += row[f"median_{name}_low"] <= CLEAR[a] <= row[f"median_{name}_high"]
     assert (inside >= 53).all()  # a binomial's 2 % quantile at 0.95
 
@@ -118,7 +150,7 @@ def test_quantiles_are_numpys_over_the_kept_rows():
 def test_all_three_outlier_rules_are_reported():
     shap, resampled = tables(CLEAR)
     shap.loc[3, "phi_partial_overlap"] = -0.5
-    table = ranking.ranking_table(shap, resampled, SOURCES).set_index("outlier_rule")
+    table = ranking.ranking_table(shap, resampled, CAUSES).set_index("outlier_rule")
     assert table.index.tolist() == ["none", "iqr", "positive_then_iqr"]
     assert table.loc["none", "n_removed"] == 0
     assert table.loc["positive_then_iqr", "n_removed"] >= 1

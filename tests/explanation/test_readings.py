@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import multivariate_normal, wishart
 
 from icpshap import se3
-from icpshap.explanation import readings as divergence
+from icpshap.explanation import readings
 
 
 def random_covariances(seed, *shape):
@@ -24,14 +24,14 @@ def poses():
 
 def test_kl_of_a_distribution_with_itself_is_zero():
     covariance = random_covariances(0)
-    assert divergence.kullback_leibler(covariance, covariance) == pytest.approx(0, abs=1e-12)
+    assert readings.kullback_leibler(covariance, covariance) == pytest.approx(0, abs=1e-12)
 
 
 def test_kl_of_scaled_covariances_has_its_closed_form():
     covariance = random_covariances(1)
     for scale in (0.1, 1.0, 7.0):
         expected = 3.0 * (1.0 / scale - 1.0 + np.log(scale))
-        assert divergence.kullback_leibler(covariance, scale * covariance) == pytest.approx(
+        assert readings.kullback_leibler(covariance, scale * covariance) == pytest.approx(
             expected, abs=1e-12
         )
 
@@ -42,14 +42,14 @@ def test_kl_is_the_mean_logarithm_of_the_density_ratio():
     x = normal.rvs(200_000, random_state=0)
     ratio = normal.logpdf(x) - multivariate_normal(np.zeros(6), perturbed).logpdf(x)
     error = ratio.std() / np.sqrt(len(ratio))
-    assert abs(divergence.kullback_leibler(clean, perturbed) - ratio.mean()) < 4 * error
+    assert abs(readings.kullback_leibler(clean, perturbed) - ratio.mean()) < 4 * error
 
 
 def test_kl_works_on_leading_dimensions():
     clean, perturbed = random_covariances(3, 4), random_covariances(4, 5, 4)
-    together = divergence.kullback_leibler(clean, perturbed)
+    together = readings.kullback_leibler(clean, perturbed)
     assert together.shape == (5, 4)
-    assert together[2, 3] == divergence.kullback_leibler(clean[3], perturbed[2, 3])
+    assert together[2, 3] == readings.kullback_leibler(clean[3], perturbed[2, 3])
 
 
 def test_kl_does_not_depend_on_left_or_right_residuals(poses):
@@ -57,7 +57,7 @@ def test_kl_does_not_depend_on_left_or_right_residuals(poses):
     right = se3.log(se3.inverse(T_gt) @ T)
     left = se3.log(T @ se3.inverse(T_gt))
     f = [
-        divergence.kullback_leibler(*divergence.covariance(residuals, 0.0, 0.0))
+        readings.kullback_leibler(*readings.covariance(residuals, 0.0, 0.0))
         for residuals in (right, left)
     ]
     assert f[0] > 1
@@ -67,24 +67,24 @@ def test_kl_does_not_depend_on_left_or_right_residuals(poses):
 def test_a_singular_covariance_without_floor_is_an_error():
     xi = np.random.default_rng(0).normal(size=(50, 6))
     xi[:, 2] = 0.5
-    clean = divergence.covariance(xi, 0.0, 0.0)
+    clean = readings.covariance(xi, 0.0, 0.0)
     with pytest.raises(np.linalg.LinAlgError):
-        divergence.kullback_leibler(clean, clean)
+        readings.kullback_leibler(clean, clean)
 
 
 def test_covariance_is_numpys_plus_the_floor():
     xi = np.random.default_rng(0).normal(size=(3, 40, 6))
     expected = np.cov(xi[1].T) + np.diag([0.04, 0.04, 0.04, 0.09, 0.09, 0.09])
-    np.testing.assert_allclose(divergence.covariance(xi, 0.2, 0.3)[1], expected)
+    np.testing.assert_allclose(readings.covariance(xi, 0.2, 0.3)[1], expected)
 
 
 def test_spread_of_weighted_runs_is_that_of_repeated_runs():
     xi = np.random.default_rng(0).normal(size=(2, 30, 6))
     weights = np.random.default_rng(1).integers(0, 4, size=(5, 30))
-    spread = divergence.spread(xi, weights, 0.1, 0.2)
+    spread = readings.spread(xi, weights, 0.1, 0.2)
     repeated = np.repeat(xi[1], weights[3], axis=0)
     np.testing.assert_allclose(
-        spread.covariance[1, 3], divergence.covariance(repeated, 0.1, 0.2), rtol=1e-12
+        spread.covariance[1, 3], readings.covariance(repeated, 0.1, 0.2), rtol=1e-12
     )
     translation = se3.exp(repeated)[:, :3, 3]
     assert spread.mean_square_translation[1, 3] == pytest.approx((translation**2).sum(1).mean())
@@ -95,7 +95,7 @@ def test_spread_without_a_far_run_is_exact():
     xi = 1e-7 * np.random.default_rng(0).normal(size=(100, 6)) + 0.01
     xi[7] += 1.0
     kept = np.arange(100) != 7
-    spread = divergence.spread(xi, np.stack([np.ones(100), kept]), 0.0, 0.0)
+    spread = readings.spread(xi, np.stack([np.ones(100), kept]), 0.0, 0.0)
     expected = np.cov(xi[kept].T)
     np.testing.assert_allclose(spread.covariance[1], expected, atol=1e-8 * expected.max())
 
@@ -104,46 +104,30 @@ def test_failed_runs_of_weight_zero_do_not_matter():
     xi = np.random.default_rng(0).normal(size=(60, 6))
     weights = np.ones((1, 60))
     weights[0, 11] = 0
-    whole = divergence.spread(xi, weights, 0.0, 0.0).covariance
+    whole = readings.spread(xi, weights, 0.0, 0.0).covariance
     xi[11] = np.nan
-    np.testing.assert_array_equal(divergence.spread(xi, weights, 0.0, 0.0).covariance, whole)
+    np.testing.assert_array_equal(readings.spread(xi, weights, 0.0, 0.0).covariance, whole)
 
 
 def test_pose_errors_are_those_of_the_matrix():
     xi = np.random.default_rng(0).normal(size=(50, 6))
     xi[0, :3] = 0.0
-    translation, rotation = divergence.pose_errors(xi)
+    translation, rotation = readings.pose_errors(xi)
     T = se3.exp(xi)
     np.testing.assert_allclose(translation, np.linalg.norm(T[:, :3, 3], axis=1), rtol=1e-12)
     cosine = (np.trace(T[:, :3, :3], axis1=1, axis2=2) - 1) / 2
     np.testing.assert_allclose(np.cos(rotation), cosine, atol=1e-12)
 
 
-def test_wrong_basin_is_measured_from_the_median():
-    xi = np.zeros((2, 9, 6))
-    xi[:] = [0.1, 0.2, 0.3, 1.0, 2.0, 3.0]
-    xi[0, 0, 3:] += [0.08, 0.08, 0.0]  # 0.113 m
-    xi[0, 1, 3] += 0.099
-    xi[1, 2, 0] += np.deg2rad(2.1)
-    xi[1, 3, 1] -= np.deg2rad(1.9)
-    xi[1, 4] = np.nan
-    marks = divergence.wrong_basin(xi, 0.1, np.deg2rad(2.0))
-    assert np.argwhere(marks).tolist() == [[0, 0], [1, 2]]
-
-
-def test_wrong_basin_of_a_setting_that_failed_altogether():
-    assert not divergence.wrong_basin(np.full((5, 6), np.nan), 0.1, 0.1).any()
-
-
 def test_readings_follow_from_one_another():
     xi = np.random.default_rng(5).normal(size=(2, 70, 6)) * np.array([1.0, 1.5])[:, None, None]
-    clean, perturbed = (divergence.spread(x, np.ones((1, 70)), 0.0, 0.0) for x in xi)
+    clean, perturbed = (readings.spread(x, np.ones((1, 70)), 0.0, 0.0) for x in xi)
     f = {
         name: reading.evaluate(clean, perturbed, False)[0]
-        for name, reading in divergence.READINGS.items()
+        for name, reading in readings.READINGS.items()
     }
-    assert f["kl"] == divergence.kullback_leibler(clean.covariance, perturbed.covariance)[0]
-    assert f["reverse_kl"] == divergence.kullback_leibler(perturbed.covariance, clean.covariance)[0]
+    assert f["kl"] == readings.kullback_leibler(clean.covariance, perturbed.covariance)[0]
+    assert f["reverse_kl"] == readings.kullback_leibler(perturbed.covariance, clean.covariance)[0]
     assert f["symmetric_kl"] == pytest.approx(f["kl"] + f["reverse_kl"])
     logarithms = [np.linalg.slogdet(np.cov(x.T))[1] for x in xi]
     assert f["entropy_difference"] == pytest.approx((logarithms[1] - logarithms[0]) / 2)
@@ -151,38 +135,38 @@ def test_readings_follow_from_one_another():
     assert f["translation_rmse"] == pytest.approx(np.sqrt((translation**2).mean()))
     rotation = np.linalg.norm(xi[1, :, :3], axis=1)
     assert f["rotation_rmse"] == pytest.approx(np.sqrt((rotation**2).mean()))
-    assert {r.unit for r in divergence.READINGS.values()} == {"nats", "m", "rad"}
+    assert {r.unit for r in readings.READINGS.values()} == {"nats", "m", "rad"}
 
 
 @pytest.mark.parametrize("n", [40, 100])
 def test_null_mean_and_quantile_are_those_of_samples(n):
     xi = np.random.default_rng(n).normal(size=(2, 4000, n, 6)) @ np.diag([1, 2, 3, 4, 5, 6])
-    f = divergence.kullback_leibler(*divergence.covariance(xi, 0.0, 0.0))
+    f = readings.kullback_leibler(*readings.covariance(xi, 0.0, 0.0))
     error = f.std() / np.sqrt(len(f))
-    assert abs(f.mean() - divergence.null_mean("kl", n)) < 4 * error
-    assert divergence.null_quantile("kl", n, 0.95) == pytest.approx(np.quantile(f, 0.95), rel=0.03)
+    assert abs(f.mean() - readings.null_mean("kl", n)) < 4 * error
+    assert readings.null_quantile("kl", n, 0.95) == pytest.approx(np.quantile(f, 0.95), rel=0.03)
 
 
 def test_null_of_a_hundred_runs():
-    assert divergence.null_mean("kl", 100) == pytest.approx(42 / 184)
-    assert divergence.null_quantile("kl", 100, 0.95) == pytest.approx(0.368, abs=0.005)
-    assert divergence.null_mean("symmetric_kl", 100) == pytest.approx(84 / 184)
-    assert divergence.null_mean("entropy_difference", 100) == 0
-    assert np.isnan(divergence.null_quantile("rotation_rmse", 100, 0.95))
+    assert readings.null_mean("kl", 100) == pytest.approx(42 / 184)
+    assert readings.null_quantile("kl", 100, 0.95) == pytest.approx(0.368, abs=0.005)
+    assert readings.null_mean("symmetric_kl", 100) == pytest.approx(84 / 184)
+    assert readings.null_mean("entropy_difference", 100) == 0
+    assert np.isnan(readings.null_quantile("rotation_rmse", 100, 0.95))
 
 
 @pytest.mark.parametrize("name", ["kl", "reverse_kl", "symmetric_kl", "entropy_difference"])
 def test_unbiased_readings_have_the_true_mean_for_unequal_n(name):
-    reading = divergence.READINGS[name]
+    reading = readings.READINGS[name]
     truth = random_covariances(6, 2)
     generator = np.random.default_rng(0)
     samples = [
-        divergence.Spread(
+        readings.Spread(
             wishart.rvs(n - 1, covariance, 20_000, generator) / (n - 1), np.float64(n), None, None
         )
         for n, covariance in zip((30, 70), truth, strict=True)
     ]
-    exact = [divergence.Spread(covariance, None, None, None) for covariance in truth]
+    exact = [readings.Spread(covariance, None, None, None) for covariance in truth]
     unbiased = reading.evaluate(*samples, True)
     error = unbiased.std() / np.sqrt(len(unbiased))
     expected = reading.evaluate(*exact, False)
@@ -191,7 +175,7 @@ def test_unbiased_readings_have_the_true_mean_for_unequal_n(name):
 
 
 def test_floor_share_is_the_largest_of_the_directions():
-    covariance = np.diag([1.0, 4.0, 1.0, 2.0, 1.0, 1.0]) + divergence.floor_matrix(0.5, 3.0)
-    share = divergence.floor_share(covariance, 0.5, 3.0)
+    covariance = np.diag([1.0, 4.0, 1.0, 2.0, 1.0, 1.0]) + readings.floor_matrix(0.5, 3.0)
+    share = readings.floor_share(covariance, 0.5, 3.0)
     assert share == pytest.approx(9.0 / 10.0)
-    assert divergence.floor_share(covariance, 0.0, 0.0) == 0
+    assert readings.floor_share(covariance, 0.0, 0.0) == 0

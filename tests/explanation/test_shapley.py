@@ -34,7 +34,9 @@ def test_a_player_that_changes_nothing_gets_exactly_nothing():
     without = np.random.default_rng(0).normal(size=4)
     game = np.concatenate([without, without])  # the third player's bit does not matter
     assert shapley.shapley_values(game)[2] == 0
-    interaction = dict(zip(shapley.pairs(range(3)), shapley.interaction_indices(game), strict=True))
+    interaction = dict(
+        zip(shapley.couples(range(3)), shapley.interaction_indices(game), strict=True)
+    )
     assert interaction[0, 2] == interaction[1, 2] == 0
     assert interaction[0, 1] != 0
 
@@ -105,7 +107,7 @@ def test_values_and_interactions_agree_with_shapiq(game):
     )
     np.testing.assert_allclose(
         shapley.interaction_indices(game),
-        [indices[pair] for pair in shapley.pairs(range(players))],
+        [indices[pair] for pair in shapley.couples(range(players))],
         atol=1e-10,
     )
 

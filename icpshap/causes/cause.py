@@ -1,0 +1,96 @@
+"""What a cause of uncertainty is: a player of the game of coalitions, and how it acts on a pair.
+
+A cause is one file of this package: a class with the words below, and one of the hooks `move`,
+`keep`, `start` and `thin`. Everything else follows from it: configuration, settings, tables, labels
+and figures. Four rules hold for each hook, so that any causes can act together:
+
+- at the level `off` it changes nothing, to the bit;
+- it is nested in its level: a larger level removes more of the same, or scales the same draw;
+- its random numbers come from streams of its own name, which no level changes, so that all settings
+  of a pair share them;
+- masks are made from the raw scans, so that they do not depend on what moves the points.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from icpshap.options import Range
+
+HOOKS = ("move", "keep", "start", "thin")
+SCANS = ("reference", "source")
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A cause; fields of a subclass are its options in the configuration's estimators.
+
+    `off` is its reference value (Algorithm 1 of the paper), `range` the levels that are allowed,
+    `levels` some that are worth trying; `scans` are those that `move` or `keep` act on. `order` is
+    its place in tables. Moves act in the reverse order: what the scanner does last comes first.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    symbol: ClassVar[str]
+    unit: ClassVar[str] = ""
+    meaning: ClassVar[str]
+    off: ClassVar[float] = 0.0
+    range: ClassVar[Range] = Range(minimum=0)
+    colour: ClassVar[str]
+    levels: ClassVar[tuple[float, ...]]
+    scans: ClassVar[tuple[str, ...]] = SCANS
+    order: ClassVar[int] = 1000
+
+    @classmethod
+    def label(cls):
+        """Title, symbol and unit, as an axis shows them."""
+        return f"{cls.title} {cls.symbol}" + (f" [{cls.unit}]" if cls.unit else "")
+
+    @classmethod
+    def hook(cls):
+        """Name of the hook through which the cause acts."""
+        return next(name for name in HOOKS if getattr(cls, name) is not getattr(Cause, name))
+
+    @classmethod
+    def acts_on(cls, scan):
+        """Whether another level means another cloud of the `reference` or the `source`."""
+        return cls.hook() in ("move", "keep") and scan in cls.scans
+
+    @property
+    def acts_when_off(self):
+        """Whether it acts even where it is off or not named; only `released_code` has that."""
+        return False
+
+    # --- the hooks --------------------------------------------------------------------------------
+
+    def move(self, points, scan, level, draw, streams):
+        """The points (n, 3) [m] of a raw scan in its scanner's frame, as they are measured.
+
+        scan: reference or source; draw: number of the noise draw; streams: random numbers by name.
+        """
+        return points
+
+    def keep(self, pair, scan, level, draw, streams):
+        """Mask of the rows of a raw scan, reference (n,) or source (m,), that are left."""
+        return None
+
+    def start(self, deviation, level):
+        """Standard deviation (6,) of the initial pose's error xi [rad x3, m x3]."""
+        return deviation
+
+    def thin(self, rows, run, level, count, streams):
+        """Those of the rows of a raw source scan of `count` points that a run uses, ascending."""
+        return rows
+
+    # --- what an odd cause needs besides ----------------------------------------------------------
+
+    def check(self, pair, level):
+        """Raise PerturbationError if the level cannot be applied to a Pair."""
+
+    def move_again(self, points, scan, level, draw, streams):
+        """The points that ICP sees, where these are not those that `replace` sees."""
+        return points
+
+    def replace(self, pair, reference, source, level, streams):
+        """The source (k, 3) [m] for the moved one (m, 3); its rows need not be the raw ones."""
+        return source

@@ -1,0 +1,98 @@
+"""Too little overlap between the scans (paper, "Partial Overlap")."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from icpshap import se3
+from icpshap.causes.cause import Cause
+from icpshap.errors import PerturbationError
+from icpshap.geometry import nearest_distances
+from icpshap.options import Range, option
+
+CLOSE_ENOUGH = 1e-3  # of the overlap ratio, within which the released code changes nothing
+JITTER = 0.001  # m, of the reference points that the released code copies
+
+
+@dataclass(frozen=True)
+class PartialOverlap(Cause):
+    """round(lambda |P1|) overlapping points of the raw source are removed, drawn at random."""
+
+    name: ClassVar = "partial_overlap"
+    title: ClassVar = "partial overlap"
+    symbol: ClassVar = "λ"
+    unit: ClassVar = ""
+    meaning: ClassVar = "Share lambda of |P1| by which the overlap is reduced"
+    range: ClassVar = Range(minimum=0, maximum=1)
+    colour: ClassVar = "#009E73"
+    levels: ClassVar = (0.02, 0.05, 0.1)
+    scans: ClassVar = ("source",)
+    order: ClassVar = 30
+
+    overlap_removal: str = option(
+        "raw",
+        "raw: round(lambda |P1|) overlapping points of the raw scans (paper); noisy: down to the "
+        "absolute ratio round(O - lambda, 2) after the noise (released code)",
+        choices=("raw", "noisy"),
+    )
+
+    @property
+    def acts_when_off(self):
+        """The released code brings the noisy overlap to a rounded ratio even at lambda 0."""
+        return self.overlap_removal == "noisy"
+
+    def check(self, pair, level):
+        if level > pair.overlap:
+            raise PerturbationError(
+                f"partial_overlap {level} is larger than their overlap ratio {pair.overlap:.4f}.\n"
+                "Hint: choose smaller levels of partial_overlap, or other pairs."
+            )
+
+    def keep(self, pair, scan, level, draw, streams):
+        kept = np.ones(len(pair.source), dtype=bool)
+        if self.overlap_removal == "raw":
+            order = self._order(pair.overlapping, streams)
+            count = round(level * len(pair.reference))
+            if count > len(order):
+                raise PerturbationError(
+                    f"partial_overlap {level} would remove {count} source points, "
+                    f"but only {len(order)} overlap (overlap ratio {pair.overlap:.4f}).\n"
+                    "Hint: partial_overlap must be at most "
+                    f"{len(order) / len(pair.reference):.4f} here."
+                )
+            kept[order[:count]] = False
+        return kept
+
+    def replace(self, pair, reference, source, level, streams):
+        """The released code's rule: the noisy overlap is brought to a fixed ratio.
+
+        The target is round(O - level, 2) with O of the clean scans; within 1e-3 of the clean or
+        the noisy ratio nothing is done; where the noise left too little overlap, reference points
+        are copied with N(0, 1 mm).
+        """
+        target = round(pair.overlap - level, 2)
+        if self.overlap_removal == "raw" or abs(target - pair.overlap) < CLOSE_ENOUGH:
+            return source
+        if target < 0:
+            raise PerturbationError(
+                f"partial_overlap {level} is larger than the overlap ratio {pair.overlap:.4f}.\n"
+                "Hint: choose a smaller partial_overlap for this pair."
+            )
+        T_reference_source = pair.T_reference_source
+        near = nearest_distances(reference, source, T_reference_source) <= pair.overlap_distance
+        if abs(near.sum() / len(reference) - target) < CLOSE_ENOUGH:
+            return source
+        surplus = round(near.sum() - target * len(reference))
+        if surplus >= 0:
+            return np.delete(source, self._order(near, streams)[:surplus], axis=0)
+        T_source_reference = se3.inverse(T_reference_source)
+        far = nearest_distances(source, reference, T_source_reference) > pair.overlap_distance
+        generator = streams.generator("overlap")
+        copied = generator.permutation(np.flatnonzero(far))[:-surplus]
+        jitter = generator.normal(scale=JITTER, size=(len(copied), 3))
+        return np.vstack([source, se3.transform(T_source_reference, reference[copied]) + jitter])
+
+    def _order(self, overlapping, streams):
+        """Rows of the overlapping source points in the order in which a growing lambda goes."""
+        return streams.generator("overlap").permutation(np.flatnonzero(overlapping))

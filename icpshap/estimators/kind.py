@@ -1,0 +1,95 @@
+"""What a kind of estimator is: a class of options that turns groups of settings into estimates.
+
+A kind is one file of this package, found by being there; `kind: monte_carlo` names it. It says in
+`returns` what comes back, and those who read its tables ask there instead of assuming.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from icpshap.plan import Setting
+
+
+@dataclass(frozen=True)
+class Returns:
+    """What an estimator makes of a setting: pose samples, covariances, or both.
+
+    exchangeable: whether its samples of one noise draw are independent of one another and alike, so
+    that one of them left out says how sure the rest are.
+    """
+
+    samples: bool
+    covariances: bool
+    exchangeable: bool = False
+
+    @property
+    def is_deterministic(self):
+        """Whether nothing but the noise draw varies: equal clouds give equal estimates."""
+        return not self.samples
+
+    def units(self, noise_draws):
+        """What may be left out to see how sure an estimate is: runs, noise draws, nothing ("")."""
+        if noise_draws > 1:
+            return "noise draws"
+        return "runs" if self.exchangeable else ""
+
+
+SAMPLES = Returns(samples=True, covariances=False, exchangeable=True)
+COVARIANCES = Returns(samples=False, covariances=True)
+
+
+class Samples(NamedTuple):
+    """Poses of a setting in one noise draw: k of them, numbered by `runs` (k,).
+
+    T_reference_source (k, 4, 4); initial_xi (k, 6): error of the pose that each began at; weight
+    (k,): relative, with mean 1; iterations, status, rmse [m], inlier_ratio (k,).
+    """
+
+    setting: Setting
+    noise_draw: int
+    runs: np.ndarray
+    T_reference_source: np.ndarray
+    initial_xi: np.ndarray
+    iterations: np.ndarray
+    status: np.ndarray
+    rmse: np.ndarray
+    inlier_ratio: np.ndarray
+    weight: np.ndarray | float = 1.0
+
+
+class Covariance(NamedTuple):
+    """The covariance (6, 6) [rad, m] of one estimate T_reference_source (4, 4).
+
+    Of xi in T exp(xi), rotation first; iterations, status, rmse [m], inlier_ratio: numbers.
+    """
+
+    setting: Setting
+    noise_draw: int
+    T_reference_source: np.ndarray
+    covariance: np.ndarray
+    iterations: int = 0
+    status: str = "ok"
+    rmse: float = np.nan
+    inlier_ratio: float = np.nan
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of estimator; fields of a subclass are its options in the configuration.
+
+    `name` is what `kind:` gives; `sees`: names of the causes that it can see, or None for all.
+    """
+
+    name: ClassVar[str]
+    returns: ClassVar[Returns]
+    sees: ClassVar[tuple[str, ...] | None] = None
+
+    def number_of_runs(self, noise_draws):
+        """How many starts a setting has; by default one for each noise draw."""
+        return noise_draws
+
+    def estimate(self, group):
+        """Yields `Samples`, `Covariance` or both for every start of a perturb.Group."""
+        raise NotImplementedError

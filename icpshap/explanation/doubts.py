@@ -1,0 +1,150 @@
+"""What makes a number doubtful: the null, the A/A value, the floor's share, memory, and remarks."""
+
+import numpy as np
+
+from icpshap.explanation import readings
+from icpshap.explanation.uncertainty import estimate, kept_runs, perturbed
+
+AGAIN_PROBABILITY = 0.99
+LARGE_SHARE = 0.5  # of the clean variance, from which floor or memory are named
+
+
+def clean_again(sample, method):
+    """The A/A value: f between the clean setting and its repetition.
+
+    NaN if that was not run, and for samples that are not independent of one another.
+    """
+    again = np.flatnonzero(sample.again)
+    if len(again) == 0 or not sample.returns.exchangeable:
+        return np.nan
+    game = np.array([[sample.rows(sample.settings[again[0]]), again[0]]])
+    return estimate(sample, game, perturbed, method, intervals=False).value[0, 0]
+
+
+def null(n_used, sample, method):
+    """Mean and 95 % quantile of f where nothing is perturbed, for independent runs: (...) each.
+
+    0 for a deterministic estimator, whose f is exactly that; NaN where there is no null.
+    """
+    if sample.returns.is_deterministic and method.reading.compares_with_clean:
+        return np.zeros((2, *np.shape(n_used)))
+    numbers, inverse = np.unique(n_used, return_inverse=True)
+    found = np.full((2, len(numbers)), np.nan)
+    if sample.returns.exchangeable:
+        for column in np.flatnonzero(numbers >= sample.fewest):
+            n = int(numbers[column])
+            corrected = method.bias_correction != "none"
+            found[0, column] = readings.null_mean(method.divergence, n, corrected)
+            found[1, column] = null_quantile(method, n, 0.95)
+    return found[:, inverse]
+
+
+def null_quantile(method, n, probability):
+    """Quantile of f where nothing is perturbed, for n independent Gaussian runs."""
+    corrected = method.bias_correction != "none"
+    return readings.null_quantile(method.divergence, int(n), probability, corrected)
+
+
+def degeneracy(sample, games, method):
+    """How far the covariance of the last setting of each game (i, g) can be trusted, by column.
+
+    logdet, condition and smallest_standard_deviation of the covariance with its floor, rad and m
+    counted alike; floor_share: the floor's largest share in the variance of a direction; memory:
+    the largest share of a pose component's variance that follows the initial pose.
+    """
+    kept = kept_runs(sample, games, method)
+    names = ("logdet", "condition", "smallest_standard_deviation", "floor_share", "memory")
+    columns = {name: np.full(len(games), np.nan) for name in names}
+    for game in np.flatnonzero(kept.sum(axis=1) >= sample.fewest):
+        row = games[game, -1]
+        covariance = _covariance(sample, row, kept[game], method)
+        variances = np.linalg.eigvalsh(covariance)
+        columns["logdet"][game] = readings.log_determinant(covariance)
+        columns["condition"][game] = variances[-1] / variances[0]
+        columns["smallest_standard_deviation"][game] = np.sqrt(variances[0])
+        columns["floor_share"][game] = readings.floor_share(covariance, *method.floor)
+        if sample.returns.exchangeable:
+            right = kept[game] & ~sample.wrong_basin[row]
+            columns["memory"][game] = memory(sample.initial_xi[row, right], sample.xi[row, right])
+    return columns
+
+
+def _covariance(sample, row, kept, method):
+    """The covariance (6, 6) of a setting with its floor."""
+    if sample.covariance is None and (sample.weight == 1.0).all():
+        return readings.covariance(sample.xi[row, kept], *method.floor)
+    return sample.spread(row, kept[None].astype(float), method).covariance[0]
+
+
+def memory(initial_xi, xi):
+    """Largest share of a component's variance in xi (n, 6) that is linear in initial_xi (n, 6).
+
+    The adjusted R^2: about 0 where ICP converged, for then it has forgotten where it started. NaN
+    for fewer than two runs a parameter.
+    """
+    n, parameters = len(xi), initial_xi.shape[1] + 1
+    if n < 2 * parameters:
+        return np.nan
+    design = np.column_stack([np.ones(n), initial_xi])
+    residual = xi - design @ np.linalg.lstsq(design, xi)[0]
+    unexplained = np.square(residual).sum(axis=0) / (n - parameters)
+    variance = xi.var(axis=0, ddof=1)
+    share = 1.0 - np.divide(unexplained, variance, out=np.ones(6), where=variance > 0)
+    return max(0.0, share.max())
+
+
+def remarks(sample, n_used, clean_floor_share, clean_memory):
+    """What makes f or phi doubtful, in words; empty if nothing does."""
+    found = []
+    if n_used < sample.fewest:
+        runs = "runs" if sample.returns.samples else "noise draws"
+        found.append(f"only {n_used} {runs} left, fewer than {sample.fewest}: no value")
+    if clean_floor_share > LARGE_SHARE:
+        found.append(
+            f"the floor makes up {clean_floor_share:.0%} of the clean variance in one direction"
+        )
+    if clean_memory > LARGE_SHARE:
+        found.append(
+            f"the initial pose explains {clean_memory:.0%} of the clean variance of a component: "
+            "it shows where the iteration stops"
+        )
+    return "; ".join(found)
+
+
+def remarks_of_games(replicates, rows, n_used, n_right_basin, f_again, method):
+    """A text for each of the games rows (i, g): `remarks`, and what basins and A/A value tell.
+
+    replicates: list of `Sample`, rows: of each; n_used, n_right_basin (i,): runs left, and those
+    left without wrong basins; f_again: the A/A value.
+    """
+    clean = [
+        degeneracy(sample, row[:1, :1], method)
+        for sample, row in zip(replicates, rows, strict=True)
+    ]
+    floor_share, memory = (max(part[key][0] for part in clean) for key in ("floor_share", "memory"))
+    first = replicates[0]
+    texts = []
+    for n, right in zip(n_used, n_right_basin, strict=True):
+        found = [remarks(first, n, floor_share, memory)]
+        if right < first.fewest <= n:
+            found.append(
+                f"fewer than {first.fewest} runs are never in a wrong basin: no value without those"
+            )
+        known = np.isfinite(f_again) and n >= first.fewest
+        if known and f_again > null_quantile(method, n, AGAIN_PROBABILITY):
+            found.append(
+                f"two clean samples differ by {f_again:.2g}, more than Gaussian ones would: a few "
+                "runs make up the covariance"
+            )
+        texts.append("; ".join(filter(None, found)))
+    return texts
+
+
+def no_interval(replicates):
+    """Why numbers of these samples have no interval; "" if they have one."""
+    first = replicates[0]
+    if len(replicates) > 1 or first.units or not first.xi.shape[1]:
+        return ""
+    if first.returns.is_deterministic:
+        return "the estimator is deterministic, and there is one noise draw: nothing varies"
+    return "the estimator's samples depend on one another, and there is one noise draw"

@@ -1,0 +1,190 @@
+"""What an estimator returned for the settings of a pair: pose errors, covariances, or both.
+
+The spread of a setting is the covariance of its samples plus the mean covariance of its noise draws
+plus the floor; whatever the estimator does not return is not there.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from icpshap.errors import UserError
+from icpshap.estimators.kind import Returns
+from icpshap.explanation import readings
+from icpshap.explanation.basins import wrong_basin
+from icpshap.tables import COVARIANCE, INITIAL_XI, XI
+
+FEWEST_RUNS = 50  # independent ones, from which a covariance is computed
+FEWEST_SAMPLES = readings.DIMENSION + 1  # others, from which it can have full rank
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The runs of one pair and one seed: S settings with the same n runs in each.
+
+    A run is a pose sample or, of an estimator that returns covariances alone, its estimate in one
+    noise draw. causes (M) names; settings (S, M) their values; again (S,) marks the clean setting
+    with random draws of its own; xi and initial_xi (S, n, 6) errors of final and initial pose,
+    rotation [rad] first; failed, wrong_basin (S, n); noise_draw (n,) which one a run used; weight
+    (n,) of the samples; covariance (S, K, 6, 6) [rad, m] of each noise draw, or None.
+    """
+
+    causes: tuple
+    settings: np.ndarray
+    again: np.ndarray
+    xi: np.ndarray
+    initial_xi: np.ndarray
+    failed: np.ndarray
+    wrong_basin: np.ndarray
+    noise_draw: np.ndarray
+    weight: np.ndarray
+    covariance: np.ndarray | None
+    returns: Returns
+
+    @classmethod
+    def without_runs(cls, causes, settings, returns):
+        """The sample of a pair that was not registered."""
+        marks = np.zeros((len(settings), 0), dtype=bool)
+        xi = np.zeros((*marks.shape, 6))
+        again = np.zeros(len(settings), dtype=bool)
+        none = np.zeros(0)
+        return cls(tuple(causes), settings, again, xi, xi, marks, marks, none, none, None, returns)
+
+    @property
+    def fewest(self):
+        """The number of runs below which nothing is computed."""
+        if self.returns.exchangeable:
+            return FEWEST_RUNS
+        return FEWEST_SAMPLES if self.returns.samples else 1
+
+    @property
+    def units(self):
+        """What is left out for intervals: runs, noise draws, or nothing ("")."""
+        return self.returns.units(len(np.unique(self.noise_draw)))
+
+    def rows(self, values, again=False):
+        """Row of each setting in values (..., M). Raises UserError if one was not run."""
+        values = np.asarray(values, dtype=float)
+        flat = values.reshape(-1, values.shape[-1])
+        known = pd.MultiIndex.from_arrays([*self.settings.T, self.again])
+        wanted = pd.MultiIndex.from_arrays([*flat.T, np.full(len(flat), again)])
+        rows = known.get_indexer(wanted)
+        if (rows < 0).any():
+            missing = np.unique(flat[rows < 0], axis=0)
+            first = ", ".join(f"{c} {v:g}" for c, v in zip(self.causes, missing[0], strict=True))
+            raise UserError(
+                f"{len(missing)} settings have no runs, the first is {first}; "
+                f"{len(self.settings)} settings have.\n"
+                "Hint: the runs belong to another configuration; run the registrations again."
+            )
+        return rows.reshape(values.shape[:-1])
+
+    def spread(self, rows, weights, method):
+        """`readings.Spread` of settings `rows` (...) under each weighting (r, n) of the runs."""
+        return readings.spread(
+            self.xi[rows],
+            weights * self.weight,
+            *method.floor,
+            added=self._mean_covariance(rows, weights),
+            scatters=self.returns.samples,
+        )
+
+    def _mean_covariance(self, rows, weights):
+        """Mean (..., r, 6, 6) over the noise draws, a draw counting as much as its runs."""
+        if self.covariance is None:
+            return 0.0
+        share = weights @ (self.noise_draw[:, None] == np.unique(self.noise_draw))
+        share = share / share.sum(axis=1, keepdims=True)
+        # A draw that failed is left out with all of its runs.
+        return np.einsum("rk,...kab->...rab", share, np.nan_to_num(self.covariance[rows]))
+
+
+def samples(runs, estimates, causes, returns, method):
+    """One `Sample` per replicate of a pair's tables of runs and estimates (None if not returned).
+
+    causes: names of those of the experiment. Raises UserError if the settings differ in their runs.
+    """
+    keys = ["replicate", "again", *causes]
+    if estimates is not None:
+        estimates = estimates.sort_values([*keys, "noise_draw"])
+        _check_complete(estimates, keys, "noise_draw")
+    if runs is None:
+        runs = estimates.assign(run=estimates["noise_draw"], weight=1.0)
+        runs[INITIAL_XI] = np.nan
+    else:
+        runs = runs.sort_values([*keys, "run"])
+        _check_complete(runs, keys, "run")
+    of_replicate = dict(list(estimates.groupby("replicate"))) if estimates is not None else {}
+    return [
+        _sample(part, of_replicate.get(replicate), tuple(causes), returns, method)
+        for replicate, part in runs.groupby("replicate")
+    ]
+
+
+def _check_complete(table, keys, number):
+    """Raise UserError unless every setting has the numbers 0 to n - 1 once each."""
+    counts = table.groupby(keys)[number].agg(["count", "nunique", "max"])
+    n = counts["count"].max()
+    if not (counts.eq([n, n, n - 1]).all(axis=None)):
+        wrong = counts[counts.ne([n, n, n - 1]).any(axis=1)]
+        what = "runs" if number == "run" else "noise draws"
+        raise UserError(
+            f"{len(wrong)} of {len(counts)} settings do not have the {what} 0 to {n - 1} once "
+            f"each, the first is {dict(zip(keys, wrong.index[0], strict=True))}.\n"
+            "Hint: a file of runs is missing or there twice; run the registrations again."
+        )
+
+
+def _sample(runs, estimates, causes, returns, method):
+    n = runs["run"].max() + 1
+    first = runs.iloc[::n]
+    noise_draw = runs["noise_draw"].to_numpy()[:n]
+    xi = runs[XI].to_numpy(dtype=float).reshape(-1, n, 6)
+    failed = _failed(runs).reshape(-1, n)
+    covariance = None
+    if estimates is not None:
+        covariance = _covariances(estimates, len(first))
+        of_draws = _failed(estimates).reshape(len(first), -1)
+        failed = failed | of_draws[:, np.searchsorted(np.unique(noise_draw), noise_draw)]
+    weight = runs["weight"].to_numpy(dtype=float).reshape(-1, n)
+    if not (weight == weight[0]).all():
+        raise UserError(
+            "The weights of the samples differ between settings, and a sample is left out of all.\n"
+            "Hint: an estimator gives sample k the same weight in every setting."
+        )
+    return Sample(
+        causes=causes,
+        settings=first[list(causes)].to_numpy(dtype=float),
+        again=first["again"].to_numpy(dtype=bool),
+        xi=xi,
+        initial_xi=runs[INITIAL_XI].to_numpy(dtype=float).reshape(-1, n, 6),
+        failed=failed,
+        wrong_basin=_marks(xi, failed, method) if returns.samples else np.zeros_like(failed),
+        noise_draw=noise_draw,
+        weight=weight[0],
+        covariance=covariance,
+        returns=returns,
+    )
+
+
+def mark_wrong_basins(runs, method):
+    """Which runs (n,) of one setting of a runs table are in a wrong basin; no failed one is."""
+    return _marks(runs[XI].to_numpy(dtype=float), _failed(runs), method)
+
+
+def _failed(table):
+    return ~table["status"].isin(readings.GOOD_STATUS).to_numpy()
+
+
+def _marks(xi, failed, method):
+    return wrong_basin(np.where(failed[..., None], np.nan, xi), *method.basin)
+
+
+def _covariances(estimates, settings):
+    """Covariances (S, K, 6, 6) of the upper triangles in a table of estimates."""
+    row, column = np.triu_indices(6)
+    upper = estimates[COVARIANCE].to_numpy(dtype=float).reshape(settings, -1, len(row))
+    result = np.empty((*upper.shape[:2], 6, 6))
+    result[..., row, column] = result[..., column, row] = upper
+    return result

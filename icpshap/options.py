@@ -1,0 +1,101 @@
+"""An option: its default, type, range, unit and meaning, said once.
+
+Options are the fields of frozen dataclasses, made by `option`; every part of the library declares
+those it reads. The schema of the configuration, its documentation, the presets and the comments of
+config.yaml follow from these fields or are tested against them.
+"""
+
+from dataclasses import MISSING, dataclass, field, fields
+from types import NoneType, UnionType
+from typing import get_args, get_type_hints
+
+TYPES = {int: "integer", float: "number", str: "string", bool: "boolean", NoneType: "null"}
+REQUIRED = MISSING  # the default of an option that must be given
+
+
+@dataclass(frozen=True)
+class Range:
+    """Which numbers are allowed: from `minimum` to `maximum`, or between `above` and `below`."""
+
+    minimum: float | None = None
+    above: float | None = None
+    maximum: float | None = None
+    below: float | None = None
+
+    @property
+    def schema(self):
+        """The JSON schema's keywords."""
+        keywords = {
+            "minimum": self.minimum,
+            "exclusiveMinimum": self.above,
+            "maximum": self.maximum,
+            "exclusiveMaximum": self.below,
+        }
+        return {keyword: limit for keyword, limit in keywords.items() if limit is not None}
+
+
+def option(default, meaning, *, unit=None, choices=None, schema=None, **limits):
+    """The field of an option.
+
+    meaning: what it is, as documentation and errors say it, without the full stop; unit: "-" for a
+    number without one, None for what is no number; choices: the only values; limits: of a `Range`;
+    schema: JSON schema of a value that is more than a number, a word or a truth value, or a
+    function that makes it when it is asked for.
+    """
+    metadata = {
+        "meaning": meaning + (f" [{unit}]" if unit else "") + ".",
+        "choices": choices,
+        "range": Range(**limits),
+        "schema": schema or {},
+    }
+    return field(default=default, metadata=metadata)
+
+
+def names(owner):
+    """Names of the options of a class or an instance, in their order."""
+    return [part.name for part in _options(owner)]
+
+
+def properties(owner):
+    """JSON schema of each option of a class, by name."""
+    hints = get_type_hints(owner)
+    return {part.name: _property(part.metadata, hints[part.name]) for part in _options(owner)}
+
+
+def block(owner, description="", required=()):
+    """JSON schema of a closed mapping that holds the options of a class.
+
+    required: names that must be given besides the options that have no default.
+    """
+    needed = [part.name for part in _options(owner) if part.default is REQUIRED]
+    needed += [name for name in required if name not in needed]
+    return {
+        **({"description": description} if description else {}),
+        "type": "object",
+        "additionalProperties": False,
+        **({"required": needed} if needed else {}),
+        "properties": properties(owner),
+    }
+
+
+def values(owner):
+    """The options of an instance, by name."""
+    return {name: getattr(owner, name) for name in names(owner)}
+
+
+def _options(owner):
+    """The fields that `option` made."""
+    return [part for part in fields(owner) if "meaning" in part.metadata]
+
+
+def _property(metadata, annotation):
+    described = {"description": metadata["meaning"]}
+    schema = metadata["schema"]() if callable(metadata["schema"]) else metadata["schema"]
+    if schema:
+        return described | schema
+    kinds = get_args(annotation) if isinstance(annotation, UnionType) else (annotation,)
+    kinds = [TYPES[kind] for kind in kinds]
+    described["type"] = kinds[0] if len(kinds) == 1 else kinds
+    if metadata["choices"]:
+        described["enum"] = list(metadata["choices"])
+    return described | metadata["range"].schema

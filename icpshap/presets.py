@@ -1,0 +1,79 @@
+"""An estimator together with how its estimates are read, and the three that are known by name."""
+
+from dataclasses import dataclass
+
+from icpshap import options
+from icpshap.estimators import KINDS, Estimator, option_owners
+from icpshap.explanation.method import Method
+
+DEFAULT_KIND = "monte_carlo"
+
+
+@dataclass(frozen=True)
+class Preset:
+    """From a perturbed pair to an uncertainty: an `Estimator`, and the `Method` that reads it."""
+
+    estimator: Estimator
+    method: Method
+
+    @classmethod
+    def of(cls, kind=DEFAULT_KIND, **values):
+        """The preset of a kind's name with these options; others keep their default.
+
+        Raises TypeError for an option that the kind does not have.
+        """
+        if unknown := set(values) - set(option_names(kind)):
+            raise TypeError(f"{', '.join(sorted(unknown))}: no options of the kind {kind}.")
+        of_method = {name: values[name] for name in options.names(Method) if name in values}
+        return cls(Estimator.of(kind, values), Method(**of_method))
+
+    @property
+    def options(self):
+        """All options by name, with the kind."""
+        estimator = self.estimator
+        owners = (estimator.kind, estimator.perturbing, *estimator.causes.values(), self.method)
+        values = {name: value for owner in owners for name, value in options.values(owner).items()}
+        return {"kind": estimator.kind.name, **values}
+
+    def with_options(self, **values):
+        """The same with some options changed."""
+        return Preset.of(**{**self.options, **values})
+
+
+def owners(kind):
+    """The classes whose options the configuration of a kind of estimator has."""
+    return [*option_owners(kind), Method]
+
+
+def option_names(kind):
+    """Names of the options of a kind of estimator."""
+    return [name for owner in owners(kind) for name in options.names(owner)]
+
+
+def kinds_with(name):
+    """The kinds of estimators that have an option of this name."""
+    return [kind for kind in KINDS if name in option_names(kind)]
+
+
+PAPER = Preset.of()
+"""The paper's text and, where that is silent, the authors' released code: every default."""
+
+RELEASED_CODE = PAPER.with_options(
+    subsampling_mask="frozen_in_order",
+    initial_pose_scaling="standard_deviation",
+    initial_pose_composition="left_inverse",
+    reference_noise_additions=2,
+    overlap_removal="noisy",
+)
+"""The authors' released code, where it differs from the paper."""
+
+ROBUST = PAPER.with_options(
+    stop_rotation=1e-5,
+    stop_translation=1e-5,
+    noise_draws=10,
+    covariance_floor_rotation=1e-4,
+    covariance_floor_translation=1e-3,
+    bias_correction="jackknife",
+    wrong_basins="leave_out",
+)
+"""What we would publish."""

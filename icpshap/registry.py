@@ -1,0 +1,34 @@
+"""Plug-ins: packages whose modules are found by being there; to add one is to add a file."""
+
+import importlib
+import pkgutil
+
+
+def modules(package, path):
+    """The modules of a package, by name; those whose name begins with _ are parts of others.
+
+    package: its dotted name; path: its ``__path__``.
+    """
+    names = sorted(module.name for module in pkgutil.iter_modules(path))
+    return [importlib.import_module(f"{package}.{name}") for name in names if name[0] != "_"]
+
+
+def classes(package, path, base):
+    """The subclasses of `base` that the modules of a package define, by their `name`.
+
+    Raises ImportError if two have the same name.
+    """
+    found = {}
+    for module in modules(package, path):
+        for member in vars(module).values():
+            if not (isinstance(member, type) and issubclass(member, base)):
+                continue
+            if member is base or member.__module__ != module.__name__:
+                continue
+            if member.name in found:
+                raise ImportError(
+                    f"{module.__file__}: the name {member.name!r} is taken by "
+                    f"{found[member.name].__module__}.\nHint: give each its own."
+                )
+            found[member.name] = member
+    return found

@@ -1,0 +1,368 @@
+"""The JSON schema of the configuration, made from the options and the causes."""
+
+from copy import deepcopy
+from dataclasses import dataclass
+
+from icpshap import options, presets
+from icpshap.causes import CAUSES, named
+from icpshap.estimators import KINDS
+from icpshap.estimators.perturb import Perturbation
+from icpshap.options import REQUIRED, option
+
+# An end that Python and the editors' JavaScript read alike; a Python $ also ends before a newline.
+END = r"$(?!\n)"
+KEY = {"type": "string", "pattern": rf"^[a-z][a-z0-9_]*{END}", "maxLength": 64}
+TITLE = {"type": "string", "pattern": rf"^[^\x00-\x1f\x7f]*{END}", "maxLength": 100}
+NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1, "uniqueItems": True}
+FIGURES = ("summary", "waterfall", "dependence", "interactions", "pairs")
+MOST_LEVELS = 1000  # of one cause
+SCENES = ("apartment", "stairwell", "plain")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Archive:
+    """Keys of `archive`."""
+
+    url: str = option(
+        None,
+        "Where the ZIP is; scans are read out of it by Range requests",
+        schema={"type": "string", "pattern": "^https?://"},
+    )
+    path: str = option(
+        None, "A ZIP on disk, relative to the working directory; it is used instead of the url"
+    )
+    bytes: int = option(None, "Size of the ZIP; another size is an error", minimum=1)
+    md5: str = option(
+        None,
+        "MD5 of the ZIP, where published; checked whenever the whole ZIP is at hand",
+        schema={"type": "string", "pattern": "^[0-9a-f]{32}$"},
+    )
+    sha256: str = option(
+        None,
+        "SHA256 of the ZIP, where published; checked whenever the whole ZIP is at hand",
+        schema={"type": "string", "pattern": "^[0-9a-f]{64}$"},
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Folder:
+    """Keys of `folder`."""
+
+    path: str = option(REQUIRED, "The folder")
+    poses: str = option(None, "The pose file in it; found by name when absent")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulated:
+    """Keys of `simulated`."""
+
+    scene: str = option(REQUIRED, "The scene", choices=SCENES)
+    beams: int = option(
+        REQUIRED,
+        "Laser beams of a scan, out of 367540; a few return no point, of the sky none",
+        minimum=1000,
+        maximum=367540,
+    )
+
+
+def _unsettable(owner):
+    """A closed mapping, or null to unset it."""
+    return {**options.block(owner), "type": ["object", "null"]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sequence:
+    """Keys of a sequence."""
+
+    title: str = option(None, "Name in tables and figures; the key when absent", schema=TITLE)
+    scans: int = option(
+        REQUIRED,
+        "Number of scans, numbered from 0. A pose file with another number of poses is an error",
+        minimum=2,
+        maximum=1_000_000,
+    )
+    drop_non_finite: bool = option(
+        False,
+        "Accept scan rows that are not finite, drop them and keep their count; otherwise they are "
+        "an error",
+    )
+    archive: dict = option(
+        None,
+        "A ZIP in the layout of the Challenging data sets, on a server or on disk; null to unset",
+        schema=_unsettable(Archive),
+    )
+    folder: dict = option(
+        None,
+        "A folder with scans and poses, relative to the working directory; null to unset",
+        schema=_unsettable(Folder),
+    )
+    simulated: dict = option(
+        None,
+        "Scans of a built-in scene by a simulated tilting laser; null to unset",
+        schema=_unsettable(Simulated),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanPair:
+    """Keys of a pair of scans; ICP moves the source onto the reference."""
+
+    sequence: str = option(REQUIRED, "Key of the sequence")
+    reference: int = option(REQUIRED, "Index of the reference scan", minimum=0)
+    source: int = option(REQUIRED, "Index of the source scan", minimum=0)
+
+
+PAIRS = {"type": "array", "items": options.block(ScanPair), "uniqueItems": True}
+
+
+def _level(cause):
+    return {"type": "number", **cause.range.schema}
+
+
+def _values():
+    """One value of each cause that is named."""
+    properties = {
+        cause.name: {"description": f"{cause.meaning} [{cause.unit or '-'}].", **_level(cause)}
+        for cause in named(CAUSES)
+    }
+    return {"type": "object", "additionalProperties": False, "properties": properties}
+
+
+def _levels(cause):
+    ends = {
+        key: {"description": f"{word} level.", **_level(cause)}
+        for key, word in (("start", "First"), ("stop", "Last"))
+    }
+    step = {"description": "Distance of levels.", "type": "number", "exclusiveMinimum": 0}
+    return {
+        "description": f"{cause.meaning} [{cause.unit or '-'}]: a list of levels, or start, stop "
+        "(included) and step.",
+        "oneOf": [
+            {
+                "type": "array",
+                "items": _level(cause),
+                "minItems": 1,
+                "maxItems": MOST_LEVELS,
+                "uniqueItems": True,
+            },
+            {
+                "type": "object",
+                "additionalProperties": False,
+                "required": [*ends, "step"],
+                "properties": {**ends, "step": step},
+            },
+        ],
+    }
+
+
+def _instances():
+    grid = {cause.name: _levels(cause) for cause in named(CAUSES)}
+    return {
+        "type": "object",
+        "additionalProperties": False,
+        "minProperties": 1,
+        "maxProperties": 1,
+        "properties": {
+            "grid": {
+                "description": "Levels of each cause; every combination is an instance.",
+                "type": "object",
+                "additionalProperties": False,
+                "minProperties": 1,
+                "properties": grid,
+            },
+            "fixed": {"description": "One value of each cause.", "minProperties": 1, **_values()},
+        },
+    }
+
+
+def _couples():
+    couple = {
+        "type": "array",
+        "items": {"type": "string", "enum": list(CAUSES)},
+        "minItems": 2,
+        "maxItems": 2,
+        "uniqueItems": True,
+    }
+    return {"type": "array", "items": couple, "uniqueItems": True}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """Keys of an experiment."""
+
+    estimator: str = option(REQUIRED, "Name of the estimator")
+    sequences: list = option(
+        None, "The sequences of the experiment; needed when pairs is consecutive", schema=NAMES
+    )
+    pairs: list = option(
+        REQUIRED,
+        "consecutive: scans i and i+1 of every sequence of the experiment; or a list of pairs",
+        schema={"oneOf": [{"type": "string", "enum": ["consecutive"]}, {**PAIRS, "minItems": 1}]},
+    )
+    instances: dict = option(
+        REQUIRED,
+        "The perturbations to explain: a grid of levels or one fixed perturbation. The causes that "
+        "it names are the players; what is not named is off",
+        schema=_instances,
+    )
+    replicates: int = option(
+        1,
+        "Independent repetitions of the whole experiment with other random numbers; 1 for none",
+        minimum=1,
+        maximum=1000,
+    )
+    figures: list = option(
+        REQUIRED,
+        "Figures to draw",
+        schema={
+            "type": "array",
+            "items": {"type": "string", "enum": list(FIGURES)},
+            "uniqueItems": True,
+        },
+    )
+    waterfall: dict = option(
+        None,
+        "The instance that the waterfall plot shows; of the grid, or the fixed one",
+        schema=_values,
+    )
+    dependence: list = option(
+        None,
+        "Couples [a, b] of causes of the dependence plots, phi of a coloured by b; those of the "
+        "paper's couples that the experiment has when absent",
+        schema=_couples,
+    )
+    scenes: list = option(
+        None,
+        "Pairs whose scans and poses are drawn, as a picture and as an interactive page",
+        schema=PAIRS,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TopLevel:
+    """Keys of the configuration beside its blocks."""
+
+    seed: int = option(
+        REQUIRED,
+        "Root of every random number. The same seed, config and data give the same bytes",
+        minimum=0,
+        maximum=2**63 - 1,
+    )
+    sequences: list = option(REQUIRED, "Which sequences of `data` to use", schema=NAMES)
+    run: list = option(REQUIRED, "Which experiments of `experiments` to run", schema=NAMES)
+    runs_per_job: int = option(
+        REQUIRED,
+        "ICP runs of one job, at most. It changes how the work is cut, never a number",
+        minimum=1,
+        maximum=10**9,
+    )
+
+
+def _kind():
+    return {
+        "kind": {
+            "description": "What turns a perturbed pair into pose samples or covariances.",
+            "type": "string",
+            "enum": list(KINDS),
+        }
+    }
+
+
+def _based_on(what):
+    return {
+        "based_on": {
+            "description": f"Another {what} whose values hold for every key not given here.",
+            "type": "string",
+        }
+    }
+
+
+def _open_to_others(block, what):
+    """A block of which keys may come from the one that it is based on."""
+    properties = {**_based_on(what), **block["properties"]}
+    return {**{key: block[key] for key in block if key != "required"}, "properties": properties}
+
+
+def estimator(kind):
+    """JSON schema of an estimator of a kind."""
+    properties = {**_based_on("estimator"), **_kind()}
+    for owner in presets.owners(kind):
+        properties |= options.properties(owner)
+    return {"type": "object", "additionalProperties": False, "properties": properties}
+
+
+def _any_estimator():
+    """JSON schema of an estimator of which the kind is not known: keys of all kinds."""
+    properties = {}
+    for kind in KINDS:
+        properties |= estimator(kind)["properties"]
+    return {"type": "object", "additionalProperties": False, "properties": properties}
+
+
+def _mapping(description, entry):
+    return {
+        "description": description,
+        "type": "object",
+        "propertyNames": KEY,
+        "additionalProperties": entry,
+    }
+
+
+EXPERIMENT_KEYS = tuple(options.block(Experiment)["required"])
+
+
+def configuration():
+    """JSON schema of the whole configuration; estimators are of any kind."""
+    top = options.block(TopLevel)
+    blocks = {
+        "perturbation": options.block(
+            Perturbation,
+            "What the causes refer to, for every experiment.",
+            required=options.names(Perturbation),
+        ),
+        "data": _mapping(
+            "The sequences, by key. Each is an archive, a folder or simulated. Not called figures "
+            "or tables.",
+            options.block(Sequence),
+        ),
+        "estimators": _mapping(
+            "The ways from a perturbed pair to an uncertainty, by name.", _any_estimator()
+        ),
+        "experiments": _mapping(
+            "The experiments, by name; results go to results/<name>/. Not called comparison.",
+            _open_to_others(options.block(Experiment), "experiment"),
+        ),
+    }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Configuration of icpshap",
+        "description": "Every key that config.yaml, a --configfile or --config may set.",
+        **top,
+        "required": [*top["required"], *blocks],
+        "properties": {**top["properties"], **blocks},
+    }
+
+
+def with_kinds(kinds):
+    """The schema with the keys of each estimator's own kind; kinds: by name of the estimator."""
+    schema = deepcopy(configuration())
+    schema["properties"]["estimators"]["properties"] = {
+        name: estimator(kind) for name, kind in kinds.items()
+    }
+    return schema
+
+
+def for_editors():
+    """The schema as editors complete by it: every file may lay a part over config.yaml."""
+    return _of_parts(configuration())
+
+
+def _of_parts(block):
+    """A schema without what must be given, but for the entries of lists, which are replaced."""
+    if not isinstance(block, dict):
+        return block
+    return {
+        key: value if key == "items" else _of_parts(value)
+        for key, value in block.items()
+        if key != "required"
+    }
