@@ -1,69 +1,154 @@
-"""Shap tables with values that a test knows."""
+"""Shap tables with values that a test knows, for any causes and estimators."""
+
+import itertools
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
 
-from icpshap import plan, tables
-from icpshap.causes import NAMES, SOURCES
+from icpshap import causes, estimators, tables
+from icpshap.causes.cause import Cause
+from icpshap.data.pair import Pair
+from icpshap.estimators.kind import COVARIANCES, Kind, Returns
 from icpshap.explanation import shapley
-from icpshap.report import captions
+from icpshap.report.study import Study
 from icpshap.tables import INITIAL_XI, XI
 
+THREE = ("sensor_noise", "initial_pose", "partial_overlap")
 LEVELS = {
     "sensor_noise": (0.0, 0.05, 0.1),
     "initial_pose": (1.0, 1.5, 2.0),
     "partial_overlap": (0.0, 0.05),
 }
 FIXED = {"sensor_noise": (0.05,), "initial_pose": (1.5,), "partial_overlap": (0.05,)}
+PAIRS = (("apartment", 0, 1), ("apartment", 1, 2), ("eth", 0, 1))
 WATERFALL = {"sensor_noise": 0.1, "initial_pose": 1.5, "partial_overlap": 0.05}
-STUDY = captions.Study(
+STUDY = Study(
     name="an_experiment",
     estimator="paper",
+    kind="monte_carlo",
+    causes=THREE,
     divergence="kl",
     noise_draws=1,
     bias_correction="none",
     wrong_basins="keep",
+    dependence=(
+        ("sensor_noise", "initial_pose"),
+        ("initial_pose", "partial_overlap"),
+        ("partial_overlap", "initial_pose"),
+    ),
     titles={"apartment": "Apartment", "eth": "ETH"},
     waterfall=WATERFALL,
 )
 
+# --- other causes and estimators ------------------------------------------------------------------
+
+
+class Moves:
+    def move(self, points, scan, level, draw, streams):
+        return points + level
+
+
+class Removes:
+    def keep(self, pair, scan, level, draw, streams):
+        return np.arange(len(getattr(pair, scan))) >= level
+
+
+def cause(name, title, symbol, unit, off, colour, hook, order):
+    words = {"title": title, "symbol": symbol, "unit": unit, "off": off, "colour": colour}
+    return type(name, (hook, Cause), words | {"name": name, "order": order, "meaning": title})
+
+
+# Names that hold what joins two of them in the name of a figure, long titles, long symbols.
+EXTRA = (
+    cause("error_by_range", "error by range", "c_r", "1/m", 0.0, "#CC79A7", Moves, 40),
+    cause("under_constrained", "under-constrained scene", "u", "", 0.0, "#56B4E9", Removes, 50),
+    cause("motion", "motion distortion", "d", "m/scan", 0.0, "#E69F00", Moves, 60),
+    cause("error", "miscalibration", "Δα", "deg", 1.0, "#999933", Moves, 70),
+)
+SEVEN = (*THREE, *(extra.name for extra in EXTRA))
+OF_NUMBER = {1: THREE[:1], 2: THREE[:2], 3: THREE, 5: SEVEN[:5], 7: SEVEN}
+ALL_LEVELS = LEVELS | {
+    "error_by_range": (0.0, 0.02),
+    "under_constrained": (0.0, 0.9),
+    "motion": (0.0, 0.125),
+    "error": (1.0, 2.5),
+}
+
+
+@dataclass(frozen=True)
+class ClosedForm(Kind):
+    name: ClassVar = "closed_form"
+    returns: ClassVar = COVARIANCES
+
+
+@dataclass(frozen=True)
+class Particles(Kind):
+    name: ClassVar = "particles"
+    returns: ClassVar = Returns(samples=True, covariances=False)
+
+
+@contextmanager
+def plugged_in():
+    """The registries with the causes and kinds of this file in them, restored afterwards."""
+    known = [(causes.CAUSES, EXTRA), (estimators.KINDS, (ClosedForm, Particles))]
+    before = [dict(registry) for registry, _ in known]
+    try:
+        for registry, members in known:
+            registry.update({member.name: member for member in members})
+        yield
+    finally:
+        for (registry, _), members in zip(known, before, strict=True):
+            registry.clear()
+            registry.update(members)
+
+
+def study_of(names, **changes):
+    """A study of the causes of these names; it shows every couple of neighbours."""
+    known = {name: ALL_LEVELS[name][-1] for name in names}
+    fields = {
+        "causes": tuple(names),
+        "dependence": tuple(itertools.pairwise(names)),
+        "waterfall": {name: WATERFALL.get(name, level) for name, level in known.items()},
+    }
+    return Study(**STUDY.__dict__ | fields | changes)
+
+
+def grid_of(names):
+    """A shap table over all levels of these causes."""
+    return shap_table({name: ALL_LEVELS[name] for name in names})
+
+
+def fixed_of(names, pairs=PAIRS):
+    """A shap table of several pairs in which every one of these causes is on."""
+    return shap_table({name: ALL_LEVELS[name][-1:] for name in names}, pairs)
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
 
 def shap_table(levels=LEVELS, pairs=(("apartment", 6, 7),), seed=0):
-    """A shap table with random f; intervals of half width 0.5 make small phi insignificant."""
+    """A shap table with random f; intervals of half width 0.5 make small phi insignificant.
+
+    levels: cause and its values, for each cause of the experiment.
+    """
+    off = [causes.CAUSES[name].off for name in levels]
+    instances = pd.DataFrame(itertools.product(*levels.values()), columns=list(levels))
+    games = shapley.coalition_values(instances, off)
+    settings, games = np.unique(games.reshape(-1, len(off)), axis=0, return_inverse=True)
+    games = games.reshape(len(instances), -1)
+    clean = (settings == off).all(axis=1)
     generator = np.random.default_rng(seed)
-    instances = pd.DataFrame(plan.instances(levels), columns=list(NAMES))
-    settings, games = np.unique(
-        shapley.coalition_values(instances, [s.off for s in SOURCES]).reshape(-1, 3),
-        axis=0,
-        return_inverse=True,
-    )
-    clean = (settings == [s.off for s in SOURCES]).all(axis=1)
     parts = []
     for sequence, reference, source in pairs:
         f = np.where(clean, 0, generator.normal([[2.0]], 2.0, (1, len(settings)))[0])
-        game = f[games.reshape(-1, 8)]
-        table = instances.assign(sequence=sequence, reference=reference, source=source)
-        table["instance"] = range(len(table))
-        table["base_value"] = 0.0
-        columns = {"f": game[:, -1]}
-        for name, phi in zip(NAMES, shapley.shapley_values(game).T, strict=True):
-            columns[f"phi_{name}"] = phi
-        indices = shapley.interaction_indices(game).T
-        for (a, b), index in zip(shapley.pairs(NAMES), indices, strict=True):
-            columns[f"interaction_{a}_{b}"] = index
-        for name, value in columns.items():
-            half = 0.5 * (value != 0)
-            table[name], table[f"{name}_low"], table[f"{name}_high"] = (
-                value,
-                value - half,
-                value + half,
-            )
-            for variant in ("all", "right_basin", "floor_tenfold", "floor_tenth"):
-                table[f"{name}_{variant}"] = value + 0.25
-            table[f"{name}_significant"] = (value - half > 0) | (value + half < 0)
-            table[f"{name}_draw_variance_ratio"] = np.nan
-        parts.append(table)
+        pair = {"sequence": sequence, "reference": reference, "source": source}
+        numbers = pair | {"instance": range(len(instances))} | _numbers(f[games], list(levels))
+        parts.append(pd.concat([instances, pd.DataFrame(numbers)], axis=1))
     table = pd.concat(parts, ignore_index=True).assign(
+        base_value=0.0,
         regression_difference=0.0,
         f_again=0.3,
         null_mean=0.228,
@@ -73,10 +158,47 @@ def shap_table(levels=LEVELS, pairs=(("apartment", 6, 7),), seed=0):
         n_failed=0,
         n_wrong_basin=0,
         interval_over="runs",
+        no_interval="",
         warning="",
         reason="",
     )
-    return table[[column.name for column in tables.TABLES["shap"]]]
+    return table[[column.name for column in tables.columns("shap", causes.named(levels))]]
+
+
+def _numbers(game, names):
+    """Columns of all that is read off games (i, 2^M)."""
+    couples = shapley.couples(names) if len(names) > 1 else []
+    indices = shapley.interaction_indices(game).T if couples else []
+    values = {"f": game[:, -1]}
+    values |= dict(zip([f"phi_{n}" for n in names], shapley.shapley_values(game).T, strict=True))
+    values |= {f"interaction_{a}_{b}": i for (a, b), i in zip(couples, indices, strict=True)}
+    columns = {}
+    for name, value in values.items():
+        half = 0.5 * (value != 0)
+        columns |= {name: value, f"{name}_low": value - half, f"{name}_high": value + half}
+        variants = ("all", "right_basin", "floor_tenfold", "floor_tenth")
+        columns |= {f"{name}_{variant}": value + 0.25 for variant in variants}
+        columns[f"{name}_significant"] = (value - half > 0) | (value + half < 0)
+        columns[f"{name}_draw_variance_ratio"] = np.nan
+    return columns
+
+
+def of_covariances(table, noise_draws=1):
+    """The table as an estimator makes it that returns a covariance from each noise draw."""
+    table = table.assign(n_runs=noise_draws, n_used=noise_draws, f_again=np.nan)
+    table = table.assign(null_mean=0.0, null_95=0.0, interval_over="noise draws")
+    if noise_draws > 1:
+        return table
+    reason = "the estimator is deterministic, and there is one noise draw: nothing varies"
+    return without_intervals(table, reason)
+
+
+def without_intervals(table, reason):
+    """The table of an experiment whose numbers have no interval."""
+    table = table.assign(interval_over="", no_interval=reason)
+    table[[c for c in table if c.endswith(("_low", "_high"))]] = np.nan
+    table[[c for c in table if c.endswith("_significant")]] = False
+    return table
 
 
 def without_value(table, rows, reason):
@@ -88,8 +210,31 @@ def without_value(table, rows, reason):
             table.loc[rows, column] = np.nan
         else:
             table.loc[rows, column] = False
-    table.loc[rows, "reason"] = reason
+    table.loc[rows, ["interval_over", "reason"]] = ["", reason]
     return table
+
+
+def ranking_row(sequence, rule="iqr", causes=THREE, **changes):
+    """A row of a ranking table; the medians of the first three causes are 8.0, 0.1 and 2.0."""
+    row = {"sequence": sequence, "outlier_rule": rule, "n_pairs": 5, "n_rows": 5, "n_removed": 1}
+    for name, value in zip(causes, itertools.cycle((8.0, 0.1, 2.0)), strict=False):
+        row |= {
+            f"median_{name}": value,
+            f"median_{name}_low": value - 0.5,
+            f"median_{name}_high": value + 0.5,
+            f"paper_{name}": np.nan,
+            f"paper_{name}_inside": False,
+        }
+    row |= {"order": "sensor_noise > partial_overlap > initial_pose", "warning": ""}
+    return row | {"probability": 0.98, "p": 0.01, "p_holm": 0.02} | changes
+
+
+def ranking(*rows):
+    return pd.DataFrame(rows)
+
+
+# What a row says where the paper has a value of sensor noise.
+PRINTED = {"paper_sensor_noise": 7.9, "paper_sensor_noise_inside": True}
 
 
 def runs_table(settings, number=60):
@@ -97,7 +242,22 @@ def runs_table(settings, number=60):
     generator = np.random.default_rng(5)
     parts = []
     for values in settings:
-        xi = generator.normal(0, [0.01, 0.02, 0.03, 0.1, 0.2, 0.3], (number, 6))
-        part = pd.DataFrame(np.hstack([3 * xi, xi]), columns=INITIAL_XI + XI)
-        parts.append(part.assign(**values, wrong_basin=np.arange(number) < 4))
-    return pd.concat(parts, ignore_index=True).assign(draws=0, replicate=0)
+        xi = generator.normal(0, [0.001, 0.002, 0.003, 0.003, 0.006, 0.01], (number, 6))
+        initial = pd.DataFrame(30 * xi, columns=INITIAL_XI)
+        xi[:4, 3:] += [1.0, 2.0, 3.0]
+        part = initial.join(pd.DataFrame(xi, columns=XI))
+        parts.append(part.assign(**values, run=range(number), status="ok", weight=1.0))
+    return pd.concat(parts, ignore_index=True).assign(again=False, replicate=0)
+
+
+def pair_of_scans(points=3000):
+    """A `Pair` of two clouds of the corner of a room, overlapping in part."""
+    generator = np.random.default_rng(3)
+
+    def cloud(least):
+        found = generator.uniform([least, 1.5, 1.2], [5.0, 4.0, 3.5], (points, 3))
+        wall = generator.integers(0, 3, points)
+        found[np.arange(points), wall] = np.array([5.0, 4.0, 3.5])[wall]
+        return found
+
+    return Pair.measured(cloud(1.5), cloud(0.5), np.eye(4), 0.2)

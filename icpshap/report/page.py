@@ -9,8 +9,8 @@ import yaml
 from jinja2 import Environment, FileSystemLoader
 from markupsafe import Markup
 
-from icpshap.report import captions
-from icpshap.report import tables as median_table
+from icpshap.report import captions, tables
+from icpshap.report.study import Study
 
 TEMPLATE = Path(__file__).with_suffix(".html")
 POINTS_TO_PIXELS = 1.6
@@ -25,7 +25,7 @@ class Section:
     """
 
     scope: str
-    study: captions.Study
+    study: Study
     shap: object
     pairs: object
     ranking: object
@@ -36,7 +36,7 @@ class Section:
 def warnings(section):
     """Everything that makes the section's numbers doubtful, a line each."""
     lines = captions.warnings(section.shap, section.study)
-    if captions.valued(section.shap).n_wrong_basin.max() > 0:
+    if section.study.valued(section.shap).n_wrong_basin.max() > 0:
         lines.append(" ".join(captions.basins(section.shap, section.study)))
     for row in section.pairs[section.pairs.warning != ""].itertuples():
         lines.append(f"{section.study.pair(row)}: {row.warning}.")
@@ -46,8 +46,8 @@ def warnings(section):
 def page(sections, run, folder, comparison=None):
     """The page as HTML, with every picture inside it.
 
-    run: what `record.provenance` returned; folder: where the page will lie, which links start
-    from; comparison: (SVG path, caption, HTML table) of ours against the paper.
+    run: what `jobs.provenance.provenance` returned; folder: where the page will lie, which links
+    start from; comparison: (SVG path, caption, HTML table) of ours against the paper.
     """
     environment = Environment(
         loader=FileSystemLoader(TEMPLATE.parent), autoescape=True, trim_blocks=False
@@ -78,17 +78,18 @@ def _described(section, folder):
     study = section.study
     anchor = section.scope.replace("/", "-")
     ranked = section.ranking is not None
-    shared = [*captions.method(section.shap, study), *captions.significance(section.shap)]
-    method = " ".join([*shared, *captions.noise_floor(section.shap)])
+    shared = [*captions.method(section.shap, study), *captions.significance(section.shap, study)]
+    method = " ".join([*shared, *captions.noise_floor(section.shap, study)])
     said = [method, " ".join(shared), *warnings(section)]
     return {
         "title": section.scope,
         "anchor": anchor,
         "finding": captions.finding(section.shap, study),
         "warnings": warnings(section),
+        "returned": captions.returned(study),
         "method": method,
-        "table": Markup(median_table.html(section.ranking, study)) if ranked else "",
-        "table_note": median_table.note(section.ranking, study) if ranked else "",
+        "table": Markup(tables.html(section.ranking, study)) if ranked else "",
+        "table_note": tables.note(section.ranking, study) if ranked else "",
         "figures": [_figure(path, anchor, folder, said) for path in section.figures],
         "links": [_relative(link, folder) for link in section.links],
     }
@@ -97,7 +98,7 @@ def _described(section, folder):
 def _figure(path, anchor, folder, said):
     """A picture with its caption, but for the sentences that the page has said already."""
     path = Path(path)
-    caption = path.with_suffix(".txt").read_text().strip()
+    caption = path.with_suffix(".txt").read_text(encoding="utf-8").strip()
     for text in said:
         caption = caption.replace(text, "").strip()
     turning = path.with_suffix(".html")

@@ -1,16 +1,24 @@
-"""The paper's Table 1 of our results, beside the paper's: as Markdown and as LaTeX."""
+"""The paper's Table 1 of our results, beside the paper's: as Markdown and as LaTeX.
+
+A ranking is the table of `explanation.ranking.ranking_table`, a study a `study.Study`.
+"""
 
 import numpy as np
 from tabulate import tabulate
 
-from icpshap.causes import SOURCES
-from icpshap.report import captions
+from icpshap.report import words
 
 DEFAULT_RULE = "iqr"
 RULES = {
     "none": "none",
     "iqr": "1.5 interquartile ranges",
     "positive_then_iqr": "negative rows, then 1.5 interquartile ranges",
+}
+LATEX = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    **{letter: f"\\{letter}" for letter in "_&%#${}"},
 }
 UNSURE = {"pipe": "°", "html": "°", "latex_raw": r"$^\circ$"}
 
@@ -46,21 +54,38 @@ def latex(ranking, study):
 
 def _table(ranking, study, form):
     rows = median_rows(ranking)
-    compared = [s for s in SOURCES if rows[f"paper_{s.name}"].notna().any()]
+    compared = [c for c in study.players if rows[f"paper_{c.name}"].notna().any()]
     header = ["Sequence", "Pairs"]
-    for source in SOURCES:
-        header.append(f"{source.title} [{study.unit}]")
-        header += ["paper"] * (source in compared)
-    header.append(f"P({' > '.join(_titles(rows.order.iloc[0]))})")
+    for cause in study.players:
+        header.append(f"{cause.title} [{study.unit}]")
+        header += ["paper"] * (cause in compared)
+    header += [f"P({' > '.join(words.titles(order.split(' > ')))})" for order in _orders(rows)]
     body = []
     for row in rows.itertuples():
-        line = [study.title(row.sequence), f"{row.n_rows - row.n_removed} of {row.n_rows}"]
-        for source in SOURCES:
-            line.append(estimate(row, source.name, form))
-            line += [_paper(row, source.name)] * (source in compared)
-        known = np.isfinite(row.probability)
-        body.append([*line, f"{row.probability:.2f} (p = {row.p_holm:.2g})" if known else ""])
+        title = escaped(study.title(row.sequence), form)
+        line = [title, f"{row.n_rows - row.n_removed} of {row.n_rows}"]
+        for cause in study.players:
+            line.append(estimate(row, cause.name, form))
+            line += [_paper(row, cause.name)] * (cause in compared)
+        body.append(line + [_probability(row) for _ in _orders(rows)])
     return tabulate(body, header, tablefmt=form, disable_numparse=True)
+
+
+def escaped(text, form):
+    """A user's text as the form of a table shows it; HTML is escaped where the table is made."""
+    if form == "latex_raw":
+        return "".join(LATEX.get(letter, letter) for letter in text)
+    return text.replace("|", "\\|") if form == "pipe" else text
+
+
+def _orders(rows):
+    """The order of causes whose probability the rows hold: one, or none."""
+    return list(rows.order.dropna().unique())
+
+
+def _probability(row):
+    known = np.isfinite(row.probability)
+    return f"{row.probability:.2f} (p = {row.p_holm:.2g})" if known else ""
 
 
 def estimate(row, name, form):
@@ -69,7 +94,7 @@ def estimate(row, name, form):
     if np.isnan(median):
         return "no value"
     unsure = UNSURE[form] if low <= 0 <= high else ""
-    return f"{captions.number(median)} {captions.interval(low, high)}{unsure}"
+    return f"{words.with_interval(median, low, high)}{unsure}"
 
 
 def _rules_table(ranking, study, form):
@@ -78,14 +103,14 @@ def _rules_table(ranking, study, form):
         "Sequence",
         "Outlier rule",
         "Pairs left",
-        *(f"{s.title} [{study.unit}]" for s in SOURCES),
+        *(f"{c.title} [{study.unit}]" for c in study.players),
     ]
     body = [
         [
-            study.title(row.sequence),
+            escaped(study.title(row.sequence), form),
             RULES[row.outlier_rule],
             row.n_rows - row.n_removed,
-            *(estimate(row, source.name, form) for source in SOURCES),
+            *(estimate(row, cause.name, form) for cause in study.players),
         ]
         for row in ranking.itertuples()
     ]
@@ -97,27 +122,31 @@ def note(ranking, study):
     rows = median_rows(ranking)
     sentences = [
         f"Median Shapley values of the pairs of each sequence, estimator {study.estimator}, with "
-        "95 % intervals from a bootstrap over pairs and runs. A pair goes if any of its three "
+        f"95 % intervals from a bootstrap over {_resampled(study)}. A pair goes if any of its "
         "values lies more than 1.5 interquartile ranges outside the quartiles. "
-        "° cannot be distinguished from zero.",
-        "P is the share of the bootstrap in which the medians have the order given; p is "
-        "one-sided, with Holm's correction for the number of sequences.",
+        "° cannot be distinguished from zero."
     ]
-    paper = np.concatenate(
-        [rows.loc[rows[f"paper_{s.name}"].notna(), f"paper_{s.name}_inside"] for s in SOURCES]
-    )
-    if len(paper):
+    if _orders(rows):
         sentences.append(
-            f"{paper.sum():.0f} of the paper's {len(paper)} values lie in our intervals."
+            "P is the share of the bootstrap in which the medians have the order given; p is "
+            "one-sided, with Holm's correction for the number of sequences."
+        )
+    inside = [rows.loc[rows[f"paper_{n}"].notna(), f"paper_{n}_inside"] for n in study.causes]
+    inside = np.concatenate(inside)
+    if len(inside):
+        sentences.append(
+            f"{inside.sum():.0f} of the paper's {len(inside)} values lie in our intervals."
         )
     for warning, part in rows[rows.warning != ""].groupby("warning", sort=False):
         sentences.append(f"{', '.join(map(study.title, part.sequence))}: {warning}.")
     return " ".join(sentences)
 
 
-def _titles(order):
-    by_name = {source.name: source.title for source in SOURCES}
-    return [by_name[name] for name in order.split(" > ")]
+def _resampled(study):
+    """What the bootstrap draws again: pairs, and what an estimate leaves out for its interval."""
+    if study.returns.exchangeable:
+        return "pairs and runs"
+    return " and ".join(filter(None, ["pairs", study.returns.units(study.noise_draws)]))
 
 
 def _paper(row, name):

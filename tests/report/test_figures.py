@@ -1,47 +1,34 @@
 """Figures show what the tables hold, say what they are, and come out the same each time."""
 
-import re
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-from known_results import FIXED, LEVELS, STUDY, WATERFALL, runs_table, shap_table, without_value
+from known_results import (
+    LEVELS,
+    OF_NUMBER,
+    SEVEN,
+    STUDY,
+    THREE,
+    WATERFALL,
+    fixed_of,
+    grid_of,
+    of_covariances,
+    shap_table,
+    study_of,
+    without_value,
+)
 from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex
-from matplotlib.patches import Ellipse, FancyArrow
+from matplotlib.patches import FancyArrow
 
-from icpshap import config as settings
-from icpshap.causes import NAMES, SOURCES
-from icpshap.estimators import perturb as perturbation
-from icpshap.report import captions, figures
-from icpshap.report.figures import scene, style
-from icpshap.tables import XI
+from icpshap.report import figures
+from icpshap.report.figures import style
+from icpshap.report.study import contains_zero
 
-PAIRS = (("apartment", 0, 1), ("apartment", 1, 2), ("eth", 0, 1))
-DEPENDENCE = (
-    "dependence_sensor_noise_by_initial_pose",
-    "dependence_initial_pose_by_partial_overlap",
-    "dependence_partial_overlap_by_initial_pose",
-)
+DEPENDENCE = tuple(STUDY.dependence_figures)
 GRID_FIGURES = ("summary", "waterfall", "interactions", *DEPENDENCE)
 FIXED_FIGURES = ("summary", "interactions", "pairs")
-
-
-@pytest.fixture
-def grid():
-    return shap_table()
-
-
-@pytest.fixture
-def fixed():
-    return shap_table(FIXED, PAIRS)
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    plt.close("all")
 
 
 def dots_of(collection):
@@ -63,14 +50,18 @@ def drawn(name, table, study=STUDY):
 # --- what is drawn is what the table holds --------------------------------------------------------
 
 
-def test_summary_has_a_dot_for_every_value(grid):
-    figure, _ = drawn("summary", grid)
-    axes = figure.axes[0]
+@pytest.mark.parametrize("number", OF_NUMBER)
+def test_summary_has_a_dot_for_every_value(number):
+    study = study_of(OF_NUMBER[number])
+    table = grid_of(study.causes)
+    axes = drawn("summary", table, study)[0].axes[0]
     found = dots(axes)
-    for row, label in enumerate(text.get_text() for text in axes.get_yticklabels()):
-        source = next(s for s in SOURCES if label.startswith(s.label))
+    labels = [text.get_text() for text in axes.get_yticklabels()]
+    assert len(labels) == number
+    for row, label in enumerate(labels):
+        cause = next(c for c in study.players if label.split("\n")[0] == c.label())
         x = found[np.abs(found[:, 1] - row) < 0.5, 0]
-        assert np.sort(x) == pytest.approx(np.sort(grid[f"phi_{source.name}"]))
+        assert np.sort(x) == pytest.approx(np.sort(table[f"phi_{cause.name}"]))
 
 
 def test_summary_counts_what_can_be_told_from_zero(grid):
@@ -82,11 +73,11 @@ def test_summary_counts_what_can_be_told_from_zero(grid):
 
 
 def test_waterfall_arrows_add_up_to_f(grid):
-    row = captions.instance(grid, WATERFALL).iloc[0]
+    row = STUDY.instance(grid, WATERFALL).iloc[0]
     figure, caption = drawn("waterfall", grid)
     axes = figure.axes[0]
     arrows = [patch for patch in axes.patches if isinstance(patch, FancyArrow)]
-    values = sorted((row[f"phi_{name}"] for name in NAMES), key=abs)
+    values = sorted((row[f"phi_{name}"] for name in THREE), key=abs)
     ends = np.concatenate([[0], np.cumsum(values)])
     for arrow, start, end in zip(arrows, ends[:-1], ends[1:], strict=True):
         x = arrow.get_xy()[:, 0]
@@ -96,11 +87,11 @@ def test_waterfall_arrows_add_up_to_f(grid):
 
 
 def test_waterfall_intervals_stand_where_the_arrow_starts(grid):
-    row = captions.instance(grid, WATERFALL).iloc[0]
+    row = STUDY.instance(grid, WATERFALL).iloc[0]
     axes = drawn("waterfall", grid)[0].axes[0]
     intervals = [line.get_xdata() for line in axes.lines if line.get_linewidth() == 1.2]
     start = 0.0
-    ranked = sorted(NAMES, key=lambda name: abs(row[f"phi_{name}"]))
+    ranked = sorted(THREE, key=lambda name: abs(row[f"phi_{name}"]))
     for interval, name in zip(intervals, ranked, strict=True):
         expected = [start + row[f"phi_{name}_low"], start + row[f"phi_{name}_high"]]
         assert list(interval) == pytest.approx(expected)
@@ -108,9 +99,9 @@ def test_waterfall_intervals_stand_where_the_arrow_starts(grid):
 
 
 def test_waterfall_hatches_what_cannot_be_told_from_zero(grid):
-    grid["phi_sensor_noise_significant"] = False
+    grid[["phi_sensor_noise_low", "phi_sensor_noise_high"]] = -9.0, 9.0
     for name in ("initial_pose", "partial_overlap"):
-        grid[f"phi_{name}_significant"] = True
+        grid[[f"phi_{name}_low", f"phi_{name}_high"]] = 1.0, 9.0
     axes = drawn("waterfall", grid)[0].axes[0]
     labels = [text.get_text() for text in axes.get_yticklabels()]
     arrows = [patch for patch in axes.patches if isinstance(patch, FancyArrow)]
@@ -144,43 +135,47 @@ def test_huge_values_get_a_logarithmic_axis(grid):
 
 @pytest.mark.parametrize("name", DEPENDENCE)
 def test_dependence_dots_medians_and_open_marks(grid, name):
-    source, _ = captions.dependence_sources(name)
-    phi = grid[f"phi_{source.name}"]
+    cause, _ = STUDY.dependence_figures[name]
+    phi = grid[f"phi_{cause.name}"]
     axes = drawn(name, grid)[0].axes[0]
     closed, opened = (c for c in axes.collections if isinstance(c, PathCollection))
-    significant = grid[f"phi_{source.name}_significant"]
+    significant = grid[f"phi_{cause.name}_significant"]
     assert dots_of(closed)[:, 1] == pytest.approx(phi[significant].to_numpy())
     assert dots_of(opened)[:, 1] == pytest.approx(phi[~significant].to_numpy())
     assert len(opened.get_facecolors()) == 0
     # A dot stays nearer to its own level than to any other.
-    levels = np.array(LEVELS[source.name])
+    levels = np.array(LEVELS[cause.name])
     nearest = np.abs(dots_of(closed)[:, [0]] - levels).argmin(axis=1)
-    assert levels[nearest] == pytest.approx(grid[source.name][significant].to_numpy())
+    assert levels[nearest] == pytest.approx(grid[cause.name][significant].to_numpy())
     median = next(line for line in axes.lines if line.get_marker() == "_")
-    assert median.get_ydata() == pytest.approx(phi.groupby(grid[source.name]).median().to_numpy())
+    assert median.get_ydata() == pytest.approx(phi.groupby(grid[cause.name]).median().to_numpy())
 
 
-def test_dependence_colour_is_the_other_source(grid):
-    source, other = captions.dependence_sources(DEPENDENCE[0])
+def test_dependence_colour_is_the_other_cause(grid):
+    cause, other = STUDY.dependence_figures[DEPENDENCE[0]]
     axes = drawn(DEPENDENCE[0], grid)[0].axes[0]
     closed = next(c for c in axes.collections if isinstance(c, PathCollection))
-    high = grid[other.name][grid[f"phi_{source.name}_significant"]] == max(LEVELS[other.name])
+    high = grid[other.name][grid[f"phi_{cause.name}_significant"]] == max(LEVELS[other.name])
     colours = np.array([to_hex(colour) for colour in closed.get_facecolors()])
     assert set(colours[high.to_numpy()]) == {to_hex(style.LEVELS(1.0))}
     assert to_hex(style.LEVELS(1.0)) not in colours[~high.to_numpy()]
 
 
-def test_interaction_map_holds_medians_over_the_third_source(grid):
-    figure, _ = drawn("interactions", grid)
-    mesh = figure.axes[0].collections[0].get_array()
-    at = grid[(grid.sensor_noise == 0.1) & (grid.initial_pose == 1.5)]
-    expected = at.interaction_sensor_noise_initial_pose.median()
-    assert np.ma.getdata(mesh).reshape(3, 3)[1, 2] == pytest.approx(expected)
+def test_dependence_of_a_cause_that_is_never_on_says_so(grid):
+    table = grid[grid.initial_pose == 1.0]
+    figure, caption = drawn(DEPENDENCE[0], table)
+    assert figure.axes[0].texts[0].get_text() == "initial pose scale is never on."
+    assert "Apartment 6–7" in caption
+
+
+def test_an_unknown_figure_is_refused(grid):
+    with pytest.raises(KeyError):
+        figures.draw("dependence_sensor_noise_by_partial_overlap", grid, STUDY)
 
 
 def test_pairs_are_drawn_in_order_with_medians_and_a_a_values(fixed):
     figure, _ = drawn("pairs", fixed)
-    for axes, name in zip(figure.axes, [*(f"phi_{n}" for n in NAMES), "f"], strict=True):
+    for axes, name in zip(figure.axes, [*(f"phi_{n}" for n in THREE), "f"], strict=True):
         points = [line for line in axes.lines if line.get_marker() == "o"]
         values = np.concatenate([line.get_xydata() for line in points])
         values = values[np.argsort(values[:, 0])]
@@ -192,22 +187,151 @@ def test_pairs_are_drawn_in_order_with_medians_and_a_a_values(fixed):
     assert again.get_ydata() == pytest.approx([0.3] * 3)
 
 
+def test_a_cause_has_its_colour_in_the_strips():
+    study = study_of(SEVEN)
+    figure, _ = drawn("pairs", fixed_of(SEVEN), study)
+    for axes, cause in zip(figure.axes, study.players, strict=False):
+        points = [line for line in axes.lines if line.get_marker() == "o"]
+        assert {line.get_markeredgecolor() for line in points} == {cause.colour}
+
+
+# --- any number of causes, any estimator ----------------------------------------------------------
+
+
+def every_figure(study, grid, fixed):
+    """(name, table) of every kind of figure of a study."""
+    names = ("summary", "waterfall", "interactions", *list(study.dependence_figures)[-1:])
+    return [*((name, grid) for name in names), ("pairs", fixed)]
+
+
+def overlapping(texts):
+    """Couples of texts whose boxes lie over one another; those of slanted ones always do."""
+    upright = [t for t in texts if t.get_text().strip() and t.get_rotation() % 90 == 0]
+    boxes = [(text.get_text(), text.get_window_extent()) for text in upright]
+    return [
+        (a, b)
+        for k, (a, box) in enumerate(boxes)
+        for b, other in boxes[k + 1 :]
+        if box.shrunk(0.98, 0.9).overlaps(other.shrunk(0.98, 0.9))
+    ]
+
+
+def labels_of(figure):
+    """All texts that are shown, of ticks those within the axis."""
+    texts = []
+    for axes in figure.axes:
+        texts += [axes.xaxis.label, axes.yaxis.label, axes.title, *axes.texts]
+        for axis, ends in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+            for tick in axis.get_major_ticks():
+                if min(ends) <= tick.get_loc() <= max(ends):
+                    texts.append(tick.label2 if tick.label2.get_visible() else tick.label1)
+    return [text for text in texts if text.get_visible()]
+
+
+@pytest.mark.parametrize("number", OF_NUMBER)
+def test_no_label_covers_another_or_is_cut_off(number):
+    study = study_of(OF_NUMBER[number])
+    fixed = fixed_of(study.causes)
+    for name, table in every_figure(study, grid_of(study.causes), fixed):
+        figure, _ = drawn(name, table, study)
+        labels = labels_of(figure)
+        assert overlapping(labels) == [], name
+        size = figure.bbox
+        labels += [text for legend in figure.legends for text in legend.get_texts()]
+        for text in (text for text in labels if text.get_text().strip()):
+            box = text.get_window_extent()
+            assert box.x0 >= -1 and box.x1 <= size.x1 + 1, (name, text.get_text())
+            assert box.y0 >= -1 and box.y1 <= size.y1 + 1, (name, text.get_text())
+        plt.close(figure)
+
+
+@pytest.mark.parametrize("name", ["summary", "waterfall"])
+def test_a_row_is_as_high_whatever_the_number_of_causes(name):
+    heights = {}
+    for number, causes in OF_NUMBER.items():
+        figure, _ = drawn(name, grid_of(causes), study_of(causes))
+        assert figure.get_figwidth() == style.COLUMN
+        heights[number] = figure.get_figheight()
+    steps = [(heights[b] - heights[a]) / (b - a) for a, b in ((1, 2), (2, 3), (3, 5), (5, 7))]
+    assert steps == pytest.approx([style.ROW] * 4)
+
+
+def test_what_is_never_on_is_not_drawn():
+    study = study_of(THREE)
+    table = grid_of(THREE)
+    table = table[table.partial_overlap == 0]
+    waterfall = {**WATERFALL, "partial_overlap": 0.0}
+    study = study_of(THREE, waterfall=waterfall)
+    for name in ("summary", "waterfall", "interactions", "pairs"):
+        figure, caption = drawn(name, table, study)
+        shown = " ".join(text.get_text() for text in labels_of(figure))
+        assert "noise" in shown and "partial overlap" not in shown and "λ" not in shown
+        assert "λ" not in caption
+
+
+def test_nothing_on_is_said_by_every_figure():
+    table = fixed_of(THREE[:1]).assign(sensor_noise=0.0)
+    study = study_of(THREE[:1], waterfall={"sensor_noise": 0.0})
+    for name in ("summary", "waterfall", "interactions"):
+        rows = table.iloc[:1] if name == "waterfall" else table
+        figure, _ = drawn(name, rows, study)
+        assert figure.axes[0].texts[0].get_text() == "Nothing was perturbed."
+    assert len(drawn("pairs", table, study)[0].axes) == 1
+
+
+@pytest.mark.parametrize("number", OF_NUMBER)
+def test_without_intervals_nothing_claims_to_be_insignificant(number):
+    study = study_of(OF_NUMBER[number], kind="closed_form")
+    grid, fixed = (of_covariances(make(study.causes)) for make in (grid_of, fixed_of))
+    for name, table in every_figure(study, grid, fixed):
+        figure, _ = drawn(name, table, study)
+        texts = " ".join(text.get_text() for text in labels_of(figure))
+        assert "≠" not in texts and "nan" not in texts and "[n" not in texts.replace("[nats]", "")
+        for axes in figure.axes:
+            assert all(patch.get_hatch() is None for patch in axes.patches)
+            markers = [line for line in axes.lines if line.get_marker() == "o"]
+            for line in markers:
+                assert len(line.get_xdata()) == 0 or line.get_markerfacecolor() != "white"
+        legends = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+        assert not any(word in " ".join(legends) for word in ("floor", "A/A", "interval"))
+        plt.close(figure)
+
+
+def test_dots_without_interval_are_closed(grid):
+    table = of_covariances(grid)
+    study = study_of(THREE, kind="closed_form", dependence=STUDY.dependence)
+    axes = drawn(DEPENDENCE[0], table, study)[0].axes[0]
+    closed, opened = (c for c in axes.collections if isinstance(c, PathCollection))
+    assert (len(dots_of(closed)), len(dots_of(opened))) == (len(table), 0)
+
+
+def test_a_single_missing_interval_is_drawn_closed(grid):
+    row = grid.index[contains_zero(grid, "phi_sensor_noise")][0]
+    closed = []
+    for missing in (False, True):
+        if missing:
+            grid.loc[row, ["phi_sensor_noise_low", "phi_sensor_noise_high"]] = np.nan
+        axes = drawn(DEPENDENCE[0], grid)[0].axes[0]
+        closed += [len(dots_of(next(c for c in axes.collections if isinstance(c, PathCollection))))]
+    assert closed[1] == closed[0] + 1
+
+
 # --- labels, bytes, sizes -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("reading, unit", [("kl", "nats"), ("translation_rmse", "m")])
 def test_every_label_has_its_unit(grid, fixed, reading, unit):
-    study = captions.Study(**{**STUDY.__dict__, "divergence": reading})
-    of_sources = {source.label for source in SOURCES}
+    study = study_of(THREE, divergence=reading, dependence=STUDY.dependence, waterfall=WATERFALL)
+    of_causes = {cause.label() for cause in study.players}
     for table, names in ((grid, GRID_FIGURES), (fixed, FIXED_FIGURES)):
         for name in names:
             figure, _ = drawn(name, table, study)
             labels = [axes.get_xlabel() for axes in figure.axes]
             labels += [axes.get_ylabel() for axes in figure.axes]
-            labels = [label for label in labels if label and label != "value of the source"]
+            labels = [label for label in labels if label and label != "value of the cause"]
             assert labels
             for label in labels:
-                assert label in of_sources or label.endswith(f"[{unit}]"), (name, label)
+                assert label in of_causes or label.endswith(f"[{unit}]"), (name, label)
 
 
 def test_same_table_same_bytes(grid, fixed, tmp_path):
@@ -270,181 +394,3 @@ def test_a_figure_of_pairs_with_nothing_to_show_says_so(fixed):
 def test_waterfall_of_two_pairs_is_refused(grid):
     with pytest.raises(ValueError, match="shows one instance of one pair, found 2"):
         figures.draw("waterfall", pd.concat([grid, grid]), STUDY)
-
-
-# --- captions -------------------------------------------------------------------------------------
-
-
-def test_caption_says_what_intervals_hold_for(grid):
-    assert f"95 % intervals are taken over runs, conditional on {captions.DRAWS}." in (
-        captions.caption("summary", grid, STUDY)
-    )
-    text = captions.caption("summary", grid.assign(interval_over="replicates"), STUDY)
-    assert "95 % intervals are taken over replicates." in text
-
-
-def test_caption_counts_negative_values(grid):
-    phi = pd.concat([captions.present(grid, s)[f"phi_{s.name}"] for s in SOURCES])
-    significant = (phi.abs() > 0.5).sum()
-    negative, below = (phi < 0).sum(), (phi < -0.5).sum()
-    (sentence,) = captions.significance(grid)
-    assert sentence.startswith(f"{significant} of {len(phi)} Shapley values")
-    assert f"{negative} are negative, {below} of these significantly" in sentence
-
-
-def test_caption_gives_values_with_and_without_wrong_basins(grid):
-    grid["n_wrong_basin"] = 3
-    on = captions.present(grid, SOURCES[0])
-    first, second = captions.basins(grid, STUDY)
-    assert "3 of 100 in the median, at most 3; kept." in first
-    both = on.phi_sensor_noise.median() + 0.25
-    assert f"sensor noise {both:.2f} and {both:.2f}" in second
-
-
-def test_warning_comes_with_the_sensitivity_to_the_floor(grid):
-    grid["warning"] = "the floor makes up 90% of the clean variance in one direction"
-    lines = captions.warnings(grid, STUDY)
-    assert f"Apartment 6–7 ({len(grid)} instances): the floor makes up 90%" in lines[0]
-    assert "sensor noise 0.25 and 0.25" in lines[1]
-
-
-def test_a_pair_whose_clean_samples_differ_is_a_warning(grid):
-    assert captions.warnings(grid, STUDY) == []
-    (line,) = captions.warnings(grid.assign(f_again=364.68), STUDY)
-    assert line.startswith("In 1 of 1 pairs two clean samples differ by more than the noise floor")
-    assert "f = 364.68 nats at most" in line
-
-
-def test_noise_floor_sentence(grid):
-    (sentence,) = captions.noise_floor(grid)
-    assert "mean 0.23 and the 95 % quantile 0.37" in sentence
-    assert "it is 0.30 (A/A)" in sentence
-
-
-def test_additive_variances_interact_by_the_logarithm_alone():
-    def f(variance):
-        return 6 * 0.5 * (1 / variance - 1 + np.log(variance))
-
-    assert captions.additive_interaction(3.0) == pytest.approx(f(7) - 2 * f(4) + f(1))
-    assert captions.additive_interaction(3.0) < 0
-
-
-def test_finding_names_the_largest_source(fixed):
-    for name, value in zip(NAMES, (1.0, 5.0, 2.0), strict=True):
-        fixed[f"phi_{name}"] = value
-        fixed[f"phi_{name}_significant"] = True
-    text = captions.finding(fixed, STUDY)
-    assert "initial pose scale contributes most to the uncertainty, φ = 5.00 nats" in text
-    assert "an_experiment (3 pairs of Apartment, ETH)" in text
-    for name in NAMES:
-        fixed[f"phi_{name}_significant"] = name != "initial_pose"
-    assert "partial overlap contributes most" in captions.finding(fixed, STUDY)
-    fixed[[f"phi_{name}_significant" for name in NAMES]] = False
-    assert "no uncertainty source can be told from zero in most" in captions.finding(fixed, STUDY)
-    nothing = without_value(fixed, fixed.index, "too little overlap")
-    assert captions.finding(nothing, STUDY).endswith("no pair has a value.")
-
-
-# --- scans and poses ------------------------------------------------------------------------------
-
-STREAMS = perturbation.Streams(1, "apartment", 6, 7)
-
-
-@pytest.fixture
-def shown(room_pair):
-    clean = {source.name: source.off for source in SOURCES}
-    return scene.make_scene(room_pair, runs_table([clean, WATERFALL]), WATERFALL, STREAMS)
-
-
-def pair_row(**changes):
-    row = {
-        "sequence": "apartment",
-        "reference": 6,
-        "source": 7,
-        "overlap": 0.8,
-        "reason": "",
-        "warning": "",
-    }
-    return next(pd.DataFrame([row | changes]).itertuples())
-
-
-def test_scene_removes_what_the_registration_removes(shown, room_pair):
-    removed = round(WATERFALL["partial_overlap"] * len(room_pair.reference))
-    assert (~shown.kept).sum() == removed
-    parts = scene.clouds(shown)
-    assert len(parts["removed by λ"][0]) == removed
-    assert sum(len(points) for points, _ in parts.values()) == len(room_pair.reference) + len(
-        room_pair.source
-    )
-
-
-def test_picture_shows_every_run_and_marks_wrong_basins(shown):
-    figure = scene.picture(shown)
-    overview = figure.subfigs[1].axes[0]
-    count = {line.get_label(): len(line.get_xdata()) for line in overview.lines}
-    assert count["clean"] == count["perturbed"] == 56
-    assert count["clean, wrong basin"] == count["perturbed, wrong basin"] == 4
-    assert count["initial pose"] == 60
-    assert re.fullmatch(r"translation [xyz] \[cm\]", overview.get_xlabel())
-    assert "4 clean, 4 perturbed" in scene.caption(shown, STUDY, pair_row())
-
-
-def test_ellipses_hold_the_covariance(shown):
-    overview = scene.picture(shown).subfigs[1].axes[0]
-    perturbed = next(patch for patch in overview.patches if isinstance(patch, Ellipse))
-    # The two translations that vary most are y and z.
-    values = 100 * shown.perturbed[XI].to_numpy()[:, 4:]
-    ends = perturbed.get_patch_transform().transform([[1, 0], [0, 1], [-1, 0], [0, -1]])
-    deviation = ends - values.mean(axis=0)
-    distance = np.einsum("ki,ij,kj->k", deviation, np.linalg.inv(np.cov(values.T)), deviation)
-    assert distance == pytest.approx(5.991)
-
-
-def test_a_pair_that_was_not_registered_is_still_shown(room_pair):
-    runs = runs_table([WATERFALL]).iloc[:0]
-    empty = scene.make_scene(room_pair, runs, WATERFALL, STREAMS)
-    text = scene.caption(empty, STUDY, pair_row(reason="overlap ratio 0.08 is not above 0.1"))
-    assert "Not registered: overlap ratio 0.08 is not above 0.1." in text
-    figure = scene.picture(empty)
-    assert figure.subfigs[1].texts[0].get_text() == "This pair was not registered."
-    assert "translation" in scene.page(empty, "a pair", text)
-
-
-def test_thinning_keeps_one_point_of_a_voxel():
-    points = np.random.default_rng(0).uniform(0, 1, (5000, 3))
-    left = scene.thin(points, 300)
-    assert 50 < len(left) <= 300
-    assert set(map(tuple, left)) <= set(map(tuple, points))
-    assert scene.thin(points, 5000) is points
-
-
-def test_page_is_self_contained_small_and_the_same_each_time(shown):
-    page = scene.page(shown, "Apartment 6–7", "text")
-    assert page == scene.page(shown, "Apartment 6–7", "text")
-    assert len(page.encode()) < 10_000_000
-    assert not re.search(r'<(script|link|img|iframe)[^>]*(src|href)="https?:', page)
-    for name in ("reference", "removed by", "perturbed, wrong basin"):
-        assert f'"name":"{name}' in page
-
-
-# --- configuration --------------------------------------------------------------------------------
-
-
-def test_a_scene_must_be_one_of_the_pairs(config):
-    block = config["experiments"]["different_perturbations"]
-    block["scenes"] = [{"sequence": "apartment", "reference": 3, "source": 4}]
-    message = (
-        "experiments.different_perturbations.scenes: apartment 3, 4 is not one of the "
-        "experiment's pairs. Hint: list it under pairs too"
-    )
-    with pytest.raises(settings.SettingsError, match=re.escape(message)):
-        settings.load(config)
-    block["pairs"] += block["scenes"]
-    block["figures"] = ["summary"]
-    settings.load(config)
-
-
-def test_a_waterfall_of_several_pairs_is_an_error_of_the_configuration(config):
-    config["experiments"]["same_perturbation"]["figures"] += ["waterfall"]
-    with pytest.raises(settings.SettingsError, match="waterfall shows one pair, and the exper"):
-        settings.load(config)

@@ -1,23 +1,26 @@
 """Figures: tables in, matplotlib figures out."""
 
 from icpshap.report import captions
-from icpshap.report.figures import pairs, shapley, style
+from icpshap.report.figures import couples, pairs, shapley, style
 
 DRAWERS = {
     "summary": shapley.summary,
     "waterfall": shapley.waterfall,
-    "interactions": pairs.interactions,
+    "interactions": couples.interactions,
     "pairs": pairs.pairs,
 }
 
 
 def draw(name, table, study):
-    """The named figure of a shap table, and its caption."""
+    """The named figure of a shap table, and its caption; study: `study.Study`.
+
+    Dependence figures are those of the study's couples. Raises KeyError for another name.
+    """
     if name == "waterfall":
-        table = captions.instance(table, study.waterfall)
+        table = study.instance(table, study.waterfall)
     with style.styled():
-        if name.startswith("dependence_"):
-            figure = shapley.dependence(table, study, *captions.dependence_sources(name))
+        if name in study.dependence_figures:
+            figure = shapley.dependence(table, study, *study.dependence_figures[name])
         else:
             figure = DRAWERS[name](table, study)
     return figure, captions.caption(name, table, study)

@@ -5,6 +5,8 @@ and the pose errors xi of the clean and of one perturbed setting.
 """
 
 from dataclasses import dataclass
+from html import escape
+from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -12,9 +14,11 @@ import pandas as pd
 from matplotlib.patches import Ellipse
 
 from icpshap import se3
-from icpshap.causes import SOURCES
-from icpshap.estimators import perturb as perturbation
-from icpshap.report import captions
+from icpshap.causes import named
+from icpshap.data.pair import Pair
+from icpshap.explanation.readings import GOOD_STATUS
+from icpshap.explanation.sample import mark_wrong_basins
+from icpshap.report import words
 from icpshap.report.figures.style import FAINT, MUTED, PAGE, styled
 from icpshap.tables import INITIAL_XI, XI
 
@@ -24,79 +28,114 @@ INITIAL, CLEAN, PERTURBED = "#BBBBBB", "#0072B2", "#D55E00"
 PLANE_95, SPACE_95 = np.sqrt(5.991), np.sqrt(7.815)
 # Points of a cloud that a page holds at most, so that it stays small and turns smoothly.
 PAGE_POINTS = 25_000
+NO_SAMPLES = "The estimator returns no pose samples."
+TOO_FEW = "Too few runs are left to show."
+NOT_REGISTERED = "This pair was not registered."
+FEWEST = 2  # poses of which a picture can show how they vary
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A pair of scans, the share of points that stays, and the runs of two settings.
+    """A pair of scans, the points that stay in them, and the poses of two settings.
 
-    kept (m,) marks the source points that stay when the overlap is reduced; clean and perturbed are
-    rows of a runs table, empty if the pair was not registered; values: the perturbation.
+    kept_reference (n,) and kept_source (m,) mark the raw points that the causes leave; clean and
+    perturbed: rows of a runs table that did not fail, with a column `wrong_basin`; values: the
+    perturbation; no_poses: why there are none to show, "" where there are.
     """
 
-    pair: perturbation.Pair
-    kept: np.ndarray
+    pair: Pair
+    kept_reference: np.ndarray
+    kept_source: np.ndarray
     clean: pd.DataFrame
     perturbed: pd.DataFrame
     values: dict
+    no_poses: str
+
+    @property
+    def on(self):
+        """The causes that are on."""
+        return [cause for cause in named(self.values) if self.values[cause.name] != cause.off]
+
+    @property
+    def removing(self):
+        """The causes that are on and remove points of either scan."""
+        return [cause for cause in self.on if cause.hook() == "keep"]
 
 
-def make_scene(pair, runs, values, streams):
-    """The Scene of a perturbation.Pair and its runs table.
+def make_scene(pair, kept_reference, kept_source, runs, values, method):
+    """The `Scene` of a data.pair.Pair.
 
-    values: one value for each source; streams: perturbation.Streams of the pair, which say what
-    points partial overlap removes from the raw scan.
+    kept_reference, kept_source: masks (n,), (m,) of the raw rows that the causes leave at `values`,
+    a level for each cause of the experiment; runs: the pair's runs table, None if the estimator
+    returns no samples; method: explanation.method.Method, which says what a wrong basin is.
     """
-    order = perturbation.overlap_order(pair.overlapping, streams.generator("overlap"))
-    first = runs[(runs.draws == 0) & (runs.replicate == 0)]
-    off = {source.name: source.off for source in SOURCES}
-    return Scene(
-        pair,
-        perturbation.reduce_overlap(pair, values["partial_overlap"], order),
-        captions.instance(first, off),
-        captions.instance(first, values),
-        values,
-    )
+    if runs is None:
+        nothing = pd.DataFrame()
+        return Scene(pair, kept_reference, kept_source, nothing, nothing, values, NO_SAMPLES)
+    first = runs[~runs.again & (runs.replicate == 0)]
+    off = {cause.name: cause.off for cause in named(values)}
+    clean, perturbed = (_marked(_at(first, levels), method) for levels in (off, values))
+    no_poses = "" if min(len(clean), len(perturbed)) >= FEWEST else TOO_FEW
+    if len(runs) == 0:
+        no_poses = NOT_REGISTERED
+    return Scene(pair, kept_reference, kept_source, clean, perturbed, values, no_poses)
+
+
+def _at(runs, values):
+    """The runs of one setting."""
+    return runs[np.all([np.isclose(runs[name], level) for name, level in values.items()], axis=0)]
+
+
+def _marked(runs, method):
+    if len(runs) == 0:
+        return runs.assign(wrong_basin=False)
+    marked = runs.assign(wrong_basin=mark_wrong_basins(runs, method))
+    return marked[marked.status.isin(GOOD_STATUS)]
+
+
+# --- captions -------------------------------------------------------------------------------------
 
 
 def caption(scene, study, row):
-    """What the picture shows; `row` of a pairs table."""
+    """What the picture shows; study: `study.Study`; row of a pairs table."""
     sentences = [
         f"{study.pair(row)}. Scans at the true pose, seen from above: {_scans(scene, row)}"
     ]
-    if len(scene.clean):
+    if not scene.no_poses:
         sentences += [
             _poses(scene, study, "ellipses"),
             "The right of each two panels is a close-up of the clean results.",
-            f"Crosses are runs in a wrong basin: {_wrong_basins(scene)}.",
+            f"Crosses are {study.repeats} in a wrong basin: {_wrong_basins(scene)}.",
         ]
-    return " ".join([*sentences, *_remarks(row)])
+    return " ".join([*sentences, *_remarks(scene, row)])
 
 
 def page_caption(scene, study, row):
-    """What the page shows; `row` of a pairs table."""
+    """What the page shows; study: `study.Study`; row of a pairs table."""
     sentences = [f"Scans at the true pose: {_scans(scene, row)}"]
-    if len(scene.clean):
+    if not scene.no_poses:
         sentences += [
             _poses(scene, study, "ellipsoids"),
-            f"Diamonds are runs in a wrong basin: {_wrong_basins(scene)}.",
+            f"Diamonds are {study.repeats} in a wrong basin: {_wrong_basins(scene)}.",
         ]
     usage = "Drag to turn, scroll to zoom, click on a name to hide it."
-    return " ".join([*sentences, *_remarks(row), usage])
+    return " ".join([*sentences, *_remarks(scene, row), usage])
 
 
 def _scans(scene, row):
-    return (
-        f"reference, source where it overlaps (overlap ratio {row.overlap:.2f}) and elsewhere, and "
-        f"the points that partial overlap λ = {scene.values['partial_overlap']:g} removes."
-    )
+    shown = f"reference, source where it overlaps (overlap ratio {row.overlap:.2f}) and elsewhere"
+    removing = [f"{c.title} {words.level(c, scene.values[c.name])}" for c in scene.removing]
+    if not removing:
+        return f"{shown}."
+    verb = "remove" if len(removing) > 1 else "removes"
+    return f"{shown}, and the points that {words.listed(removing)} {verb}."
 
 
 def _poses(scene, study, shapes):
     return (
-        f"Pose errors of {len(scene.clean)} runs, estimator {study.estimator}: initial poses, "
-        f"clean results, and results at {captions.describe_values(scene.values)}, with {shapes} "
-        "that hold 95 % of a Gaussian of the same covariance."
+        f"Pose errors of {len(scene.clean)} {study.repeats}, estimator {study.estimator}: initial "
+        f"poses, clean results, and results at {words.describe_values(scene.values, scene.on)}, "
+        f"with {shapes} that hold 95 % of a Gaussian of the same covariance."
     )
 
 
@@ -104,9 +143,10 @@ def _wrong_basins(scene):
     return f"{scene.clean.wrong_basin.sum()} clean, {scene.perturbed.wrong_basin.sum()} perturbed"
 
 
-def _remarks(row):
+def _remarks(scene, row):
     remarks = [("Not registered", row.reason), ("Warning", row.warning)]
-    return [f"{kind}: {remark}." for kind, remark in remarks if remark]
+    without = [scene.no_poses] if scene.no_poses in (NO_SAMPLES, TOO_FEW) else []
+    return [*without, *(f"{kind}: {remark}." for kind, remark in remarks if remark)]
 
 
 # --- the picture ----------------------------------------------------------------------------------
@@ -116,16 +156,16 @@ def picture(scene):
     """Scans from above, and pose errors in translation and rotation, as a Figure."""
     with styled():
         figure = plt.figure(figsize=(PAGE, 5.4))
-        scans, poses = figure.subfigures(2, height_ratios=(1.5, 1))
-        _draw_scans(scans, scene)
-        if len(scene.clean) == 0:
-            poses.text(0.5, 0.5, "This pair was not registered.", ha="center", color=MUTED)
+        above, below = figure.subfigures(2, height_ratios=(1.5, 1))
+        _draw_scans(above, scene)
+        if scene.no_poses:
+            below.text(0.5, 0.5, scene.no_poses, ha="center", color=MUTED)
             return figure
-        panels = poses.subplots(1, 4)
+        panels = below.subplots(1, 4)
         _draw_poses(panels[:2], scene, slice(3, 6), 100, "translation", "xyz", "cm")
         _draw_poses(panels[2:], scene, slice(0, 3), np.rad2deg(1), "rotation", "xyz", "deg")
         handles, labels = panels[0].get_legend_handles_labels()
-        poses.legend(handles, labels, loc="outside lower center", ncols=5)
+        below.legend(handles, labels, loc="outside lower center", ncols=5)
     return figure
 
 
@@ -156,73 +196,108 @@ def _draw_scans(figure, scene):
 
 def clouds(scene):
     """Name: (points (k, 3) [m] in the reference's frame, colour)."""
+    reference = scene.pair.reference
     source = se3.transform(scene.pair.T_reference_source, scene.pair.source)
-    overlapping = scene.pair.overlapping
-    return {
-        "reference": (scene.pair.reference, REFERENCE),
-        "source alone": (source[~overlapping], ALONE),
-        "source overlapping": (source[overlapping & scene.kept], OVERLAPPING),
-        "removed by λ": (source[~scene.kept], REMOVED),
+    overlapping, kept = scene.pair.overlapping, scene.kept_source
+    parts = {
+        "reference": (reference[scene.kept_reference], REFERENCE),
+        "source alone": (source[~overlapping & kept], ALONE),
+        "source overlapping": (source[overlapping & kept], OVERLAPPING),
     }
+    if scene.removing:
+        removed = np.vstack([reference[~scene.kept_reference], source[~kept]])
+        name = f"removed by {', '.join(cause.symbol for cause in scene.removing)}"
+        parts[name] = (removed, REMOVED)
+    return parts
 
 
-def samples(scene):
-    """Name: (pose errors (k, 6) [rad, m], wrong basin (k,), colour)."""
-    nowhere = np.zeros(len(scene.perturbed), dtype=bool)
+class Poses(NamedTuple):
+    """Pose errors xi (k, 6) [rad, m] of runs (k,), and what a picture shows of them.
+
+    number, wrong, weight (k,): which run, whether in a wrong basin, and how much it counts.
+    """
+
+    xi: np.ndarray
+    number: np.ndarray
+    wrong: np.ndarray
+    weight: np.ndarray
+    colour: str
+
+    @classmethod
+    def of(cls, runs, columns, wrong, colour):
+        number, weight = runs["run"].to_numpy(), runs["weight"].to_numpy()
+        return cls(runs[columns].to_numpy(), number, np.asarray(wrong), weight, colour)
+
+
+def poses(scene):
+    """The `Poses` of the scene by their names."""
+    clean, perturbed = scene.clean, scene.perturbed
+    nowhere = np.zeros(len(perturbed), dtype=bool)
     return {
-        "initial pose": (scene.perturbed[INITIAL_XI].to_numpy(), nowhere, INITIAL),
-        "perturbed": (
-            scene.perturbed[XI].to_numpy(),
-            scene.perturbed.wrong_basin.to_numpy(),
-            PERTURBED,
-        ),
-        "clean": (scene.clean[XI].to_numpy(), scene.clean.wrong_basin.to_numpy(), CLEAN),
+        "initial pose": Poses.of(perturbed, INITIAL_XI, nowhere, INITIAL),
+        "perturbed": Poses.of(perturbed, XI, perturbed["wrong_basin"], PERTURBED),
+        "clean": Poses.of(clean, XI, clean["wrong_basin"], CLEAN),
     }
 
 
 def _draw_poses(panels, scene, part, scale, title, names, unit):
     """Overview and close-up in the two coordinates in which the perturbed results vary most."""
-    drawn = {
-        name: (scale * xi[:, part], wrong, colour)
-        for name, (xi, wrong, colour) in samples(scene).items()
-    }
+    drawn = {name: (scale * shown.xi[:, part], shown) for name, shown in poses(scene).items()}
     a, b = np.sort(np.argsort(drawn["perturbed"][0].var(axis=0))[1:])
-    clean, wrong_basin, _ = drawn["clean"]
-    inside = clean[~wrong_basin][:, [a, b]]
-    centre = np.median(inside, axis=0)
-    close = np.maximum(2 * np.quantile(np.abs(inside - centre), 0.95, axis=0), 1e-6)
     for axes in panels:
-        for name, (values, wrong, colour) in drawn.items():
-            if name == "initial pose":
-                axes.plot(*values[:, [a, b]].T, "+", color=colour, markersize=3, label=name)
-                continue
-            axes.plot(*values[~wrong][:, [a, b]].T, ".", color=colour, markersize=3, label=name)
-            axes.plot(
-                *values[wrong][:, [a, b]].T,
-                "x",
-                color=colour,
-                markersize=3.5,
-                markeredgewidth=0.8,
-                label=f"{name}, wrong basin",
-            )
-            axes.add_patch(_ellipse(values[:, [a, b]], colour))
+        for name, (values, shown) in drawn.items():
+            _scatter(axes, values[:, [a, b]], shown, name)
         axes.axhline(0, color=FAINT, linewidth=0.5, zorder=-1)
         axes.axvline(0, color=FAINT, linewidth=0.5, zorder=-1)
         axes.set_xlabel(f"{title} {names[a]} [{unit}]")
     panels[0].set_ylabel(f"{title} {names[b]} [{unit}]")
     panels[0].set_aspect("equal", adjustable="datalim")
-    panels[1].set_xlim(centre[0] - close[0], centre[0] + close[0])
-    panels[1].set_ylim(centre[1] - close[1], centre[1] + close[1])
+    clean, shown = drawn["clean"]
+    _close_up(panels[1], clean[:, [a, b]], shown.wrong)
 
 
-def _ellipse(values, colour):
-    """The ellipse that holds 95 % of a Gaussian with the covariance of values (k, 2)."""
-    variances, directions = np.linalg.eigh(np.cov(values.T))
-    width, height = 2 * PLANE_95 * np.sqrt(np.maximum(variances, 0))
-    angle = np.rad2deg(np.arctan2(directions[1, 0], directions[0, 0]))
-    return Ellipse(
-        values.mean(axis=0), width, height, angle=angle, fill=False, edgecolor=colour, linewidth=1
+def _scatter(axes, values, shown, name):
+    """Values (k, 2) of `Poses` as dots, crosses for wrong basins, with their ellipse."""
+    colour, wrong = shown.colour, shown.wrong
+    if name == "initial pose":
+        axes.plot(*values.T, "+", color=colour, markersize=3, label=name)
+        return
+    axes.plot(*values[~wrong].T, ".", color=colour, markersize=3, label=name)
+    axes.plot(
+        *values[wrong].T,
+        "x",
+        color=colour,
+        markersize=3.5,
+        markeredgewidth=0.8,
+        label=f"{name}, wrong basin",
     )
+    axes.add_patch(_ellipse(values, shown.weight, colour))
+
+
+def _close_up(axes, values, wrong):
+    """Limits about those of the values (k, 2) that are in no wrong basin, if there are any."""
+    inside = values if wrong.all() else values[~wrong]
+    centre = np.median(inside, axis=0)
+    close = np.maximum(2 * np.quantile(np.abs(inside - centre), 0.95, axis=0), 1e-6)
+    axes.set_xlim(centre[0] - close[0], centre[0] + close[0])
+    axes.set_ylim(centre[1] - close[1], centre[1] + close[1])
+
+
+def _gaussian(values, weight):
+    """Mean (d,), variances (d,) and their directions (d, d) of values (k, d) with weights (k,)."""
+    mean = weight @ values / weight.sum()
+    centred = values - mean
+    covariance = (weight * centred.T) @ centred / (weight.sum() - 1)
+    variances, directions = np.linalg.eigh(covariance)
+    return mean, np.maximum(variances, 0), directions
+
+
+def _ellipse(values, weight, colour):
+    """The ellipse that holds 95 % of a Gaussian with the covariance of values (k, 2)."""
+    mean, variances, directions = _gaussian(values, weight)
+    width, height = 2 * PLANE_95 * np.sqrt(variances)
+    angle = np.rad2deg(np.arctan2(directions[1, 0], directions[0, 0]))
+    return Ellipse(mean, width, height, angle=angle, fill=False, edgecolor=colour, linewidth=1)
 
 
 # --- the page -------------------------------------------------------------------------------------
@@ -240,7 +315,6 @@ def thin(points, most):
 
 def page(scene, title, text):
     """A self-contained HTML page that turns: scans, translation errors and rotation errors."""
-    import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
     figure = make_subplots(
@@ -251,20 +325,15 @@ def page(scene, title, text):
         subplot_titles=("scans at the true pose [m]", "translation [cm]", "rotation [deg]"),
         horizontal_spacing=0.01,
     )
-    for name, (points, colour) in clouds(scene).items():
-        x, y, z = thin(points, PAGE_POINTS).astype(np.float32).T
-        marker = {"size": 2.5 if name.startswith("removed") else 1.2, "color": colour}
-        figure.add_trace(
-            go.Scatter3d(x=x, y=y, z=z, mode="markers", marker=marker, name=name, hoverinfo="skip"),
-            row=1,
-            col=1,
-        )
-    if len(scene.clean):
+    figure.add_traces(_cloud_traces(scene), rows=1, cols=1)
+    if not scene.no_poses:
         for column, part, scale in ((2, slice(3, 6), 100.0), (3, slice(0, 3), np.rad2deg(1))):
-            _add_poses(go, figure, scene, part, scale, column)
+            for name, shown in poses(scene).items():
+                traces = _pose_traces(name, shown, scale * shown.xi[:, part], column == 2)
+                figure.add_traces(traces, rows=1, cols=column)
     figure.update_scenes(aspectmode="data", xaxis_title="x", yaxis_title="y", zaxis_title="z")
     figure.update_layout(
-        title={"text": title},
+        title={"text": escape(title)},
         height=640,
         legend={"orientation": "h", "itemsizing": "constant"},
         margin={"l": 0, "r": 0, "b": 0, "t": 80},
@@ -274,64 +343,64 @@ def page(scene, title, text):
         full_html=False, include_plotlyjs=True, div_id="scene", config={"displaylogo": False}
     )
     return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        f"<title>{escape(title)}</title>"
         "<style>body{font-family:sans-serif;margin:1em}p{max-width:60em}</style></head>\n"
-        f"<body>{plot}\n<p>{text}</p></body></html>\n"
+        f"<body>{plot}\n<p>{escape(text)}</p></body></html>\n"
     )
 
 
-def _add_poses(go, figure, scene, part, scale, column):
-    for name, (xi, wrong, colour) in samples(scene).items():
-        values = scale * xi[:, part]
-        for rows, label, symbol in (
-            (~wrong, name, "circle"),
-            (wrong, f"{name}, wrong basin", "diamond"),
-        ):
-            if not rows.any():
-                continue
+def _cloud_traces(scene):
+    import plotly.graph_objects as go
+
+    traces = []
+    for name, (points, colour) in clouds(scene).items():
+        x, y, z = thin(points, PAGE_POINTS).astype(np.float32).T
+        marker = {"size": 2.5 if name.startswith("removed") else 1.2, "color": colour}
+        look = {"mode": "markers", "marker": marker, "hoverinfo": "skip"}
+        traces.append(go.Scatter3d(x=x, y=y, z=z, name=escape(name), **look))
+    return traces
+
+
+def _pose_traces(name, shown, values, in_legend):
+    """`Poses` of one name at values (k, 3): dots, diamonds for wrong basins, and an ellipsoid."""
+    import plotly.graph_objects as go
+
+    traces = []
+    for rows, label, symbol in (
+        (~shown.wrong, name, "circle"),
+        (shown.wrong, f"{name}, wrong basin", "diamond"),
+    ):
+        if rows.any():
             x, y, z = values[rows].T
-            marker = {"size": 3, "color": colour, "symbol": symbol}
-            figure.add_trace(
+            traces.append(
                 go.Scatter3d(
                     x=x,
                     y=y,
                     z=z,
                     mode="markers",
-                    marker=marker,
+                    marker={"size": 3, "color": shown.colour, "symbol": symbol},
                     name=label,
                     legendgroup=label,
-                    showlegend=column == 2,
-                    customdata=np.flatnonzero(rows),
-                    hovertemplate="run %{customdata}: %{x:.2f}, %{y:.2f}, %{z:.2f}",
-                ),
-                row=1,
-                col=column,
+                    showlegend=in_legend,
+                    customdata=shown.number[rows],
+                    hovertemplate="%{customdata}: %{x:.2f}, %{y:.2f}, %{z:.2f}",
+                )
             )
-        if name == "initial pose":
-            continue
-        x, y, z = _ellipsoid(values)
-        figure.add_trace(
-            go.Surface(
-                x=x,
-                y=y,
-                z=z,
-                opacity=0.15,
-                showscale=False,
-                colorscale=[[0, colour], [1, colour]],
-                hoverinfo="skip",
-                name=f"{name}, 95 %",
-            ),
-            row=1,
-            col=column,
-        )
+    if name != "initial pose":
+        x, y, z = _ellipsoid(values, shown.weight)
+        look = {"opacity": 0.15, "showscale": False, "hoverinfo": "skip"}
+        colours = [[0, shown.colour], [1, shown.colour]]
+        traces.append(go.Surface(x=x, y=y, z=z, colorscale=colours, name=f"{name}, 95 %", **look))
+    return traces
 
 
-def _ellipsoid(values):
+def _ellipsoid(values, weight):
     """Surface (3, 24, 24) that holds 95 % of a Gaussian with the covariance of values (k, 3)."""
-    variances, directions = np.linalg.eigh(np.cov(values.T))
+    mean, variances, directions = _gaussian(values, weight)
     azimuth, polar = np.meshgrid(np.linspace(0, 2 * np.pi, 24), np.linspace(0, np.pi, 24))
     sphere = np.array(
         [np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)]
     )
-    axes = directions * (SPACE_95 * np.sqrt(np.maximum(variances, 0)))
-    return np.einsum("ij,jkl->ikl", axes, sphere) + values.mean(axis=0)[:, None, None]
+    axes = directions * (SPACE_95 * np.sqrt(variances))
+    return np.einsum("ij,jkl->ikl", axes, sphere) + mean[:, None, None]

@@ -7,14 +7,16 @@ import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
-from icpshap.report import captions
+from icpshap.report import words
 
 # Widths of one and of two columns of a two-column paper [inch]; fonts are readable at these.
 COLUMN, PAGE = 3.5, 7.16
 RASTER_DPI = 300
 
+# Heights [inch] of a row of a plot, and of what is above and below all rows.
+ROW, AROUND_ROWS = 0.42, 0.64
+
 # Okabe and Ito's colours, which people with any colour vision can tell apart.
-COLOURS = {"sensor_noise": "#D55E00", "initial_pose": "#0072B2", "partial_overlap": "#009E73"}
 INCREASE, DECREASE = "#D55E00", "#0072B2"
 INK, MUTED, FAINT = "#222222", "#777777", "#DDDDDD"
 # Dark to bright without the palest part, which is lost on white paper.
@@ -61,9 +63,14 @@ def save(figure, *paths):
             figure.savefig(path, metadata=unset or {"Software": None})
 
 
-def value_label(source, unit):
-    """Axis label of a source's Shapley value."""
-    return f"φ {source.title} [{unit}]"
+def value_label(cause, unit):
+    """Axis label of a cause's Shapley value."""
+    return f"φ {cause.title} [{unit}]"
+
+
+def rows_height(rows):
+    """Height [inch] of a figure with so many rows; each has the same height in any figure."""
+    return AROUND_ROWS + ROW * rows
 
 
 def say_nothing(figure, message):
@@ -75,8 +82,8 @@ def say_nothing(figure, message):
 
 
 def mark_noise_floor(span, null_95):
-    """Mark, with an axis' `span` function, what f is by chance alone."""
-    if np.isfinite(null_95):
+    """Mark, with an axis' `span` function, what f is by chance alone, if it is anything."""
+    if np.isfinite(null_95) and null_95 > 0:
         span(0, null_95, color=FAINT, zorder=-2, linewidth=0, label="noise floor of f (95 %)")
 
 
@@ -89,10 +96,11 @@ def symmetric_logarithmic(axes, direction):
     powers = 10.0 ** np.arange(0, 20, step)
     axis = {"x": axes.xaxis, "y": axes.yaxis}[direction]
     axis.set_major_locator(FixedLocator([*-powers[::-1], 0, *powers]))
-    axis.set_major_formatter(FuncFormatter(_power_of_ten))
+    axis.set_major_formatter(FuncFormatter(power_of_ten))
 
 
-def _power_of_ten(value, _):
+def power_of_ten(value, _):
+    """A tick of a logarithmic axis as text."""
     if abs(value) <= 100:
         return f"{value:g}".replace("-", "−")
     return f"${'-' * int(value < 0)}10^{{{np.log10(abs(value)):.0f}}}$"
@@ -100,5 +108,5 @@ def _power_of_ten(value, _):
 
 def tame(axes, direction, values):
     """Leave an axis linear unless values are so large that the others would vanish."""
-    if captions.is_huge(values):
+    if words.is_huge(values):
         symmetric_logarithmic(axes, direction)

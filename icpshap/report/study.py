@@ -1,0 +1,110 @@
+"""How the numbers of an experiment came about, as far as figures and sentences need it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from icpshap import estimators
+from icpshap.causes import named
+from icpshap.explanation.readings import READINGS
+
+PAIR = ["sequence", "reference", "source"]
+
+
+@dataclass(frozen=True)
+class Study:
+    """Plain data, as a workflow hands it over; `name` is the experiment's, `kind` its estimator's.
+
+    causes: names, in the order of the registry; dependence: couples [a, b] of them, a figure each
+    of the Shapley value of a, coloured by b; titles: names of sequences by their keys; waterfall:
+    the instance shown alone, a value for each cause. The rest are keys of the configuration.
+    """
+
+    name: str
+    estimator: str
+    kind: str
+    causes: tuple
+    divergence: str
+    noise_draws: int
+    bias_correction: str
+    wrong_basins: str
+    dependence: tuple = ()
+    titles: dict = field(default_factory=dict)
+    waterfall: dict | None = None
+
+    @property
+    def unit(self):
+        """Unit of f and of all that is shared out of it."""
+        return READINGS[self.divergence].unit
+
+    @property
+    def players(self):
+        """The classes of the causes."""
+        return named(self.causes)
+
+    @property
+    def returns(self):
+        """What the estimator makes of a setting: `estimators.kind.Returns`."""
+        return estimators.KINDS[self.kind].returns
+
+    @property
+    def repeats(self):
+        """What there are several of in a setting: runs, samples or noise draws."""
+        if self.returns.is_deterministic:
+            return "noise draws"
+        return "runs" if self.returns.exchangeable else "samples"
+
+    @property
+    def dependence_figures(self):
+        """The two causes of each dependence figure, by its name: whose phi, and whose colour."""
+        return {f"dependence_{a}_by_{b}": named([a]) + named([b]) for a, b in self.dependence}
+
+    def title(self, sequence):
+        return self.titles.get(sequence, sequence)
+
+    def pair(self, row):
+        """Name of the pair of scans in a row of a table."""
+        return f"{self.title(row.sequence)} {row.reference}–{row.source}"
+
+    # --- rows and columns of a shap table ---------------------------------------------------------
+
+    def shown(self, table):
+        """The causes that are on in any row; what is never on is neither drawn nor told."""
+        return tuple(c for c in self.players if (table[c.name] != c.off).any())
+
+    def phi(self, table):
+        """Names of the Shapley values of the shown causes."""
+        return [f"phi_{cause.name}" for cause in self.shown(table)]
+
+    def valued(self, table):
+        """The rows that have values: registered, and with enough runs left."""
+        return table[table[[f"phi_{name}" for name in self.causes]].notna().all(axis=1)]
+
+    def present(self, table, *causes):
+        """The valued rows in which these causes are on; where one is off, its phi is 0."""
+        on = [table[cause.name] != cause.off for cause in causes]
+        return self.valued(table[np.all(on, axis=0)])
+
+    def instance(self, table, values):
+        """The rows of one instance, given by a value for each cause."""
+        return table[np.all([np.isclose(table[n], values[n]) for n in self.causes], axis=0)]
+
+    def interval_over(self, table):
+        """What the intervals are taken over: runs, noise draws or replicates; "" without any."""
+        kept = self.valued(table)
+        return kept.interval_over.iloc[0] if len(kept) else ""
+
+
+def pairs_of(table):
+    """The first row of each pair of scans."""
+    return table.drop_duplicates(PAIR)
+
+
+def contains_zero(table, name):
+    """Where an interval holds 0, bool (n,); False where there is none, for that says nothing."""
+    return ((table[f"{name}_low"] <= 0) & (table[f"{name}_high"] >= 0)).to_numpy()
+
+
+def judged(table, name):
+    """The rows in which a number has an interval."""
+    return table[table[f"{name}_low"].notna() & table[f"{name}_high"].notna()]

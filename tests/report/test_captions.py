@@ -1,0 +1,225 @@
+"""Captions, findings and warnings say what the tables hold, and no more."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from known_results import (
+    OF_NUMBER,
+    STUDY,
+    THREE,
+    fixed_of,
+    grid_of,
+    of_covariances,
+    study_of,
+    without_intervals,
+    without_value,
+)
+
+from icpshap.report import captions
+
+DRAWS = "one draw of the sensor noise and of the removed points"
+ABOUT_INTERVALS = ("significant", "distinguished", "told from zero", "95 %", "interval")
+ABOUT_RUNS = ("ICP run", " run ", "runs", "basin")
+
+
+def on(table, name):
+    cause = next(c for c in STUDY.players if c.name == name)
+    return STUDY.present(table, cause)
+
+
+def test_caption_says_what_intervals_hold_for(grid):
+    assert f"95 % intervals are taken over runs, conditional on {DRAWS}." in (
+        captions.caption("summary", grid, STUDY)
+    )
+    text = captions.caption("summary", grid.assign(interval_over="replicates"), STUDY)
+    assert "95 % intervals are taken over replicates." in text
+    text = captions.caption("summary", grid.assign(interval_over="noise draws"), STUDY)
+    assert "taken over noise draws, conditional on one draw of the removed points." in text
+
+
+def test_intervals_are_conditional_on_the_draws_of_the_causes_that_are_on():
+    for names, expected in (
+        (THREE[:1], "over runs, conditional on one draw of the sensor noise."),
+        (THREE[1:2], "over runs."),
+        (
+            ("under_constrained", "motion"),
+            "draw of the motion distortion and of the removed points",
+        ),
+    ):
+        study = study_of(names)
+        assert expected in captions.caption("summary", grid_of(study.causes), study)
+
+
+def test_caption_counts_negative_values(grid):
+    phi = pd.concat([on(grid, name)[f"phi_{name}"] for name in THREE])
+    significant = (phi.abs() > 0.5).sum()
+    negative, below = (phi < 0).sum(), (phi < -0.5).sum()
+    (sentence,) = captions.significance(grid, STUDY)
+    assert sentence.startswith(f"{significant} of {len(phi)} Shapley values of causes that are on")
+    assert f"{negative} are negative, {below} of these significantly" in sentence
+
+
+def test_a_value_without_interval_is_not_counted(grid):
+    (before,) = captions.significance(grid, STUDY)
+    row = on(grid, "sensor_noise").index[0]
+    grid.loc[row, ["phi_sensor_noise_low", "phi_sensor_noise_high"]] = np.nan
+    (after,) = captions.significance(grid, STUDY)
+    number = sum(len(on(grid, name)) for name in THREE)
+    assert f"of {number} Shapley" in before and f"of {number - 1} Shapley" in after
+
+
+def test_caption_gives_values_with_and_without_wrong_basins(grid):
+    grid["n_wrong_basin"] = 3
+    first, second = captions.basins(grid, STUDY)
+    assert "3 of 100 in the median, at most 3; kept." in first
+    both = on(grid, "sensor_noise").phi_sensor_noise.median() + 0.25
+    assert f"sensor noise {both:.2f} and {both:.2f}" in second
+
+
+def test_warning_comes_with_the_sensitivity_to_the_floor(grid):
+    grid["warning"] = "the floor makes up 90% of the clean variance in one direction"
+    lines = captions.warnings(grid, STUDY)
+    assert f"Apartment 6–7 ({len(grid)} instances): the floor makes up 90%" in lines[0]
+    assert "sensor noise 0.25 and 0.25" in lines[1]
+
+
+def test_a_pair_whose_clean_samples_differ_is_a_warning(grid):
+    assert captions.warnings(grid, STUDY) == []
+    (line,) = captions.warnings(grid.assign(f_again=364.68), STUDY)
+    assert line.startswith("In 1 of 1 pairs two clean samples differ by more than the noise floor")
+    assert "f = 364.68 nats at most" in line and line.endswith("need not come from any cause.")
+
+
+def test_noise_floor_sentence(grid):
+    (sentence,) = captions.noise_floor(grid, STUDY)
+    assert "mean 0.23 and the 95 % quantile 0.37" in sentence
+    assert "it is 0.30 (A/A)" in sentence
+    assert captions.noise_floor(grid.assign(null_mean=np.nan), STUDY) == []
+
+
+def test_additive_variances_interact_by_the_logarithm_alone():
+    def f(variance):
+        return 6 * 0.5 * (1 / variance - 1 + np.log(variance))
+
+    assert captions.additive_interaction(3.0) == pytest.approx(f(7) - 2 * f(4) + f(1))
+    assert captions.additive_interaction(3.0) < 0
+
+
+def with_phi(table, name, value, clear):
+    half = 0.5 if clear else abs(value) + 0.5
+    ends = {"": value, "_low": value - half, "_high": value + half}
+    return table.assign(**{f"phi_{name}{end}": number for end, number in ends.items()})
+
+
+def test_finding_names_the_largest_cause(fixed):
+    for name, value in zip(THREE, (1.0, 5.0, 2.0), strict=True):
+        fixed = with_phi(fixed, name, value, clear=True)
+    text = captions.finding(fixed, STUDY)
+    assert "initial pose scale contributes most to the uncertainty, φ = 5.00 nats" in text
+    assert "an_experiment (3 pairs of Apartment, ETH)" in text
+    unclear = with_phi(fixed, "initial_pose", 5.0, clear=False)
+    assert "partial overlap contributes most" in captions.finding(unclear, STUDY)
+    for name in THREE:
+        unclear = with_phi(unclear, name, 1.0, clear=False)
+    assert "no cause can be told from zero in most instances" in captions.finding(unclear, STUDY)
+    nothing = without_value(fixed, fixed.index, "too little overlap")
+    assert captions.finding(nothing, STUDY).endswith("no pair has a value.")
+
+
+@pytest.mark.parametrize("number", OF_NUMBER)
+def test_sentences_name_every_cause_that_is_on_and_no_other(number):
+    study = study_of(OF_NUMBER[number])
+    table = fixed_of(study.causes)
+    told = captions.finding(table, study) + captions.caption("summary", table, study)
+    for cause in study.players:
+        assert cause.title in told and f"{cause.symbol} = " in told
+    if number > 1:
+        never = study.players[-1]
+        table = table.assign(**{never.name: never.off})
+        told = captions.finding(table, study) + captions.caption("summary", table, study)
+        assert never.title not in told and f"{never.symbol} = " not in told
+
+
+def test_nothing_on_is_said():
+    table = fixed_of(THREE[:1]).assign(sensor_noise=0.0)
+    study = study_of(THREE[:1])
+    assert captions.finding(table, study).endswith("nothing was perturbed.")
+    assert captions.caption("summary", table, study).startswith("Nothing was perturbed.")
+
+
+# --- other estimators -----------------------------------------------------------------------------
+
+
+def everything_said(table, study):
+    instance = study.instance(table, study.waterfall)
+    texts = [captions.caption(name, table, study) for name in ("summary", "interactions", "pairs")]
+    texts += [captions.caption(name, table, study) for name in study.dependence_figures]
+    texts += [captions.caption("waterfall", instance, study), captions.finding(table, study)]
+    return " ".join([*texts, *captions.warnings(table, study)])
+
+
+def test_a_covariance_is_neither_a_run_nor_random(grid):
+    study = study_of(THREE, kind="closed_form")
+    table = of_covariances(grid).assign(n_failed=0)
+    text = everything_said(table, study)
+    assert "; one covariance a setting." in text
+    why = "the estimator is deterministic, and there is one noise draw: nothing varies"
+    assert f"No intervals: {why}." in text
+    assert "φ = " in text and "there are no intervals." in text
+    told = text.replace("there are no intervals", "").replace(f"No intervals: {why}", "")
+    for word in (*ABOUT_INTERVALS, *ABOUT_RUNS, "Noise floor", "A/A", "nan"):
+        assert word not in told, word
+
+
+def test_covariances_of_several_noise_draws_have_intervals(grid):
+    study = study_of(THREE, kind="closed_form", noise_draws=10)
+    table = of_covariances(grid, 10).assign(n_used=8, n_failed=2)
+    text = everything_said(table, study)
+    assert "one covariance a setting in each of 10 noise draws, 8 or more of them used." in text
+    assert "95 % intervals are taken over noise draws, conditional on one draw of the" in text
+    assert "have noise draws that failed, at most 2 of 10" in text
+    for word in ABOUT_RUNS:
+        assert word not in text, word
+
+
+def test_a_deterministic_estimator_has_no_noise_floor_and_says_so_once(grid):
+    study = study_of(THREE, kind="closed_form")
+    table = of_covariances(grid)
+    exact = "The estimator is deterministic: without a perturbation f is exactly 0."
+    assert captions.noise_floor(table, study) == [exact]
+    instance = study.instance(table, study.waterfall)
+    assert captions.caption("waterfall", instance, study).count(exact) == 1
+    # A reading that does not compare with the clean setting has no null, and is not 0 there.
+    assert captions.noise_floor(table.assign(null_mean=np.nan), study) == []
+
+
+def test_samples_that_depend_on_one_another_are_no_runs(grid):
+    study = study_of(THREE, kind="particles")
+    reason = "the estimator's samples depend on one another, and there is one noise draw"
+    table = without_intervals(grid, reason).assign(null_mean=np.nan, null_95=np.nan, f_again=np.nan)
+    text = everything_said(table.assign(n_wrong_basin=3), study)
+    assert "100 samples a setting" in text and f"No intervals: {reason}." in text
+    assert "Samples that end in a wrong basin" in text and "without such samples" in text
+    for word in ("run", "Run", "Noise floor", *ABOUT_INTERVALS[:3]):
+        assert word not in text, word
+
+
+@pytest.mark.parametrize(
+    "kind, draws, sentence",
+    [
+        ("monte_carlo", 1, "pose samples, a run each, independent of one another."),
+        ("particles", 1, "pose samples, which depend on one another."),
+        ("closed_form", 1, "a covariance."),
+        ("closed_form", 10, "a covariance from each noise draw."),
+    ],
+)
+def test_what_came_back_is_said(kind, draws, sentence):
+    said = captions.returned(study_of(THREE, kind=kind, noise_draws=draws))
+    assert said == f"Of each setting the kind {kind} returned {sentence}"
+
+
+def test_one_cause_has_nothing_to_interact_with():
+    study = study_of(THREE[:1])
+    text = captions.caption("interactions", grid_of(study.causes), study)
+    assert text.startswith("Median Shapley value, Apartment 6–7")
+    assert captions.ALONE in text and "indices" not in text
