@@ -24,6 +24,7 @@ include: "workflow/rules/progress.smk"
 
 localrules:
     all,
+    checksums,
     compare_with_paper,
     join_sequences,
     provenance,
@@ -35,20 +36,18 @@ rule all:
     default_target: True
     input:
         targets(),
+        paths.CHECKSUMS,
 
 
 onstart:
-    if any(SETTINGS.data[key].kind == "archive" for key in SETTINGS.sequences):
+    if any(CONFIG.data[key].kind == "archive" for key in CONFIG.sequences):
         logger.info(citation.NOTICE)
 
 
 onsuccess:
     # Written by this run, that is, not by an earlier one with another selection.
-    if (
-        os.path.exists("results/summary.txt")
-        and os.path.getmtime("results/summary.txt") > STARTED
-    ):
-        with open("results/summary.txt") as summary:
+    if os.path.exists(paths.SUMMARY) and os.path.getmtime(paths.SUMMARY) > STARTED:
+        with open(paths.SUMMARY, encoding="utf-8") as summary:
             print(summary.read())
 
 

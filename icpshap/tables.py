@@ -1,25 +1,24 @@
 """The parquet files: columns, types and units, and how they are read and written.
 
-A file carries, beside its columns, only what decides its numbers (seed, estimator, data, code), so
-that the same inputs give the same bytes.
+Columns follow from the causes that an experiment names. A file carries, beside its columns, only
+what decides its numbers (causes, plan, digests of the data), so that the same inputs give the same
+bytes.
 """
 
-import json
-import os
 from dataclasses import dataclass
 from itertools import combinations
-from pathlib import Path
 
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from icpshap.causes import NAMES, SOURCES
+from icpshap import causes as registry
+from icpshap import storage
 from icpshap.errors import UserError
 
 INITIAL_XI = [f"initial_xi_{k}" for k in range(6)]
 XI = [f"xi_{k}" for k in range(6)]
 TRANSFORM = [f"T_{row}{column}" for row in range(4) for column in range(4)]
+COVARIANCE = [f"covariance_{a}{b}" for a in range(6) for b in range(a, 6)]
 
 
 class TableError(UserError):
@@ -42,12 +41,14 @@ def _columns(names, type_, units, description):
 
 
 _XI_UNITS = ["rad"] * 3 + ["m"] * 3
-_PAIR = [
-    Column("sequence", "string", "", "key of the sequence"),
+_COVARIANCE_UNITS = [
+    ("rad^2" if b < 3 else "rad m" if a < 3 else "m^2") for a in range(6) for b in range(a, 6)
+]
+_INDICES = [
     Column("reference", "int32", "", "index of the reference scan"),
     Column("source", "int32", "", "index of the source scan, which ICP moves"),
 ]
-_VALUES = [Column(s.name, "float64", s.unit, f"{s.title} {s.symbol}") for s in SOURCES]
+_PAIR = [Column("sequence", "string", "", "key of the sequence"), *_INDICES]
 # The unit of f and of all that is shared out of it: nats, m or rad, as the divergence says.
 _F = "f"
 _NULL = [
@@ -58,6 +59,23 @@ _REMARKS = [
     Column("warning", "string", "", "what makes these numbers doubtful; empty if nothing"),
     Column("reason", "string", "", "why the pair was not registered; empty if it was"),
 ]
+_REPLICATE = Column("replicate", "int32", "", "independent repetition")
+_AGAIN = Column("again", "bool", "", "the second clean sample, with draws of its own")
+_NOISE_DRAW = Column("noise_draw", "int32", "", "index of the noise draw")
+_POSE = [
+    *_columns(XI, "float64", _XI_UNITS, "pose error log(inv(T_gt) T_icp)"),
+    *_columns(TRANSFORM, "float64", "", "entry of T_reference_source, translation in m"),
+]
+_END = [
+    Column("iterations", "int32", "", "ICP iterations"),
+    Column("status", "string", "", "ok, max_iterations, too_few_links or degenerate"),
+    Column("rmse", "float64", "m", "root mean square residual of the kept links"),
+    Column("inlier_ratio", "float64", "", "share of the links that were kept"),
+]
+
+
+def _values(causes):
+    return [Column(c.name, "float64", c.unit, f"{c.title} {c.symbol}") for c in causes]
 
 
 def _estimate(name, meaning):
@@ -79,27 +97,34 @@ def _variants(name):
     ]
 
 
-def _shapley(source):
-    name = f"phi_{source.name}"
+def _shapley(cause):
+    name = f"phi_{cause.name}"
     ratio = "variance over whole noise draws divided by the one over runs; NaN with one noise draw"
     return [
-        *_estimate(name, f"Shapley value of {source.title}: its part of f"),
+        *_estimate(name, f"Shapley value of {cause.title}: its part of f"),
         Column(f"{name}_significant", "bool", "", "its interval does not contain 0"),
         Column(f"{name}_draw_variance_ratio", "float64", "", ratio),
         *_variants(name),
     ]
 
 
-TABLES = {
-    "scan": _columns(["x", "y", "z"], "float64", "m", "coordinate in the scanner's frame"),
-    "poses": [
+def _scan(causes):
+    return _columns(["x", "y", "z"], "float64", "m", "coordinate in the scanner's frame")
+
+
+def _poses(causes):
+    return [
         Column("scan", "int32", "", "index of the scan"),
         *_columns(TRANSFORM, "float64", "", "entry of T_global_scan, translation in m"),
-    ],
-    "overlap": [
-        Column("overlapping", "bool", "", "a reference point is near this source point"),
-    ],
-    "pairs": [
+    ]
+
+
+def _overlap(causes):
+    return [Column("overlapping", "bool", "", "a reference point is near this source point")]
+
+
+def _pairs(causes):
+    return [
         *_PAIR,
         Column("reference_points", "int64", "", "points of the raw reference scan"),
         Column("source_points", "int64", "", "points of the raw source scan"),
@@ -113,27 +138,48 @@ TABLES = {
         Column("registered", "bool", "", "whether the pair is registered"),
         Column("reason", "string", "", "why the pair is not registered"),
         Column("warning", "string", "", "why the true pose looks wrong"),
-    ],
-    "runs": [
-        *_VALUES,
-        Column("replicate", "int32", "", "independent repetition"),
-        Column("draws", "int32", "", "0; 1: the second clean sample, with draws of its own"),
+    ]
+
+
+def _runs(causes):
+    return [
+        *_INDICES,
+        *_values(causes),
+        _REPLICATE,
+        _AGAIN,
         Column("run", "int32", "", "index of the run"),
-        Column("noise_draw", "int32", "", "index of the noise draw"),
+        _NOISE_DRAW,
+        Column("weight", "float64", "", "relative weight of the sample, with mean 1"),
         *_columns(INITIAL_XI, "float64", _XI_UNITS, "drawn error of the initial pose"),
-        *_columns(XI, "float64", _XI_UNITS, "pose error log(inv(T_gt) T_icp)"),
-        *_columns(TRANSFORM, "float64", "", "entry of T_reference_source, translation in m"),
-        Column("iterations", "int32", "", "ICP iterations"),
-        Column("status", "string", "", "ok, max_iterations, too_few_links or degenerate"),
-        Column("rmse", "float64", "m", "root mean square residual of the kept links"),
-        Column("inlier_ratio", "float64", "", "share of the links that were kept"),
-        Column("wrong_basin", "bool", "", "far from the setting's median pose"),
-    ],
-    "uncertainty": [
+        *_POSE,
+        *_END,
+    ]
+
+
+def _estimates(causes):
+    return [
+        *_INDICES,
+        *_values(causes),
+        _REPLICATE,
+        _AGAIN,
+        _NOISE_DRAW,
+        *_POSE,
+        *_columns(
+            COVARIANCE,
+            "float64",
+            _COVARIANCE_UNITS,
+            "entry of the covariance of xi in T_reference_source exp(xi), rotation first",
+        ),
+        *_END,
+    ]
+
+
+def _uncertainty(causes):
+    return [
         *_PAIR,
-        Column("replicate", "int32", "", "independent repetition"),
-        *_VALUES,
-        Column("draws", "int32", "", "0; 1: the second clean sample, with draws of its own"),
+        _REPLICATE,
+        *_values(causes),
+        _AGAIN,
         *_estimate("f", "uncertainty: the divergence from the clean setting"),
         Column("f_draw_variance_ratio", "float64", "", "as that of phi in the shap table"),
         Column("kl", "float64", "nats", "KL(clean, perturbed), without bias correction"),
@@ -166,19 +212,22 @@ TABLES = {
         Column("rotation_rmse", "float64", "rad", "root mean square of that angle"),
         Column("success_rate", "float64", "", "share of all runs within 0.1 m and 2 degrees"),
         *_REMARKS,
-    ],
-    "shap": [
+    ]
+
+
+def _shap(causes):
+    return [
         *_PAIR,
         Column("instance", "int32", "", "number of the instance"),
-        *_VALUES,
+        *_values(causes),
         Column("base_value", "float64", _F, "f of the clean setting"),
         *_estimate("f", "uncertainty of the instance: the divergence from the clean setting"),
         *_variants("f"),
-        *(column for source in SOURCES for column in _shapley(source)),
+        *(column for cause in causes for column in _shapley(cause)),
         *(
             column
-            for a, b in combinations(NAMES, 2)
-            for column in _estimate(f"interaction_{a}_{b}", "Shapley interaction index")
+            for a, b in combinations(causes, 2)
+            for column in _estimate(f"interaction_{a.name}_{b.name}", "Shapley interaction index")
         ),
         Column(
             "regression_difference",
@@ -192,57 +241,90 @@ TABLES = {
         Column("n_used", "int32", "", "runs of a setting that the values are computed from"),
         Column("n_failed", "int32", "", "runs that failed in a setting of the instance"),
         Column("n_wrong_basin", "int32", "", "runs in a wrong basin in a setting of the instance"),
-        Column("interval_over", "string", "", "runs, noise draws or replicates"),
+        Column(
+            "interval_over", "string", "", "runs, noise draws or replicates; empty: no interval"
+        ),
+        Column("no_interval", "string", "", "why there are no intervals; empty if there are"),
         *_REMARKS,
-    ],
-    "resampled": [
+    ]
+
+
+def _resampled(causes):
+    return [
         *_PAIR,
         Column("instance", "int32", "", "number of the instance"),
         Column("resample", "int32", "", "number of the bootstrap sample of the pair's runs"),
         *(
-            Column(f"phi_{s.name}", "float64", _F, f"Shapley value of {s.title} in the resample")
-            for s in SOURCES
+            Column(f"phi_{c.name}", "float64", _F, f"Shapley value of {c.title} in the resample")
+            for c in causes
         ),
-    ],
+    ]
+
+
+TABLES = {
+    "scan": _scan,
+    "poses": _poses,
+    "overlap": _overlap,
+    "pairs": _pairs,
+    "runs": _runs,
+    "estimates": _estimates,
+    "uncertainty": _uncertainty,
+    "shap": _shap,
+    "resampled": _resampled,
 }
+WITH_CAUSES = ("runs", "estimates", "uncertainty", "shap", "resampled")
 
 
-def write(path, frame, table, decided_by=None):
-    """Write a frame as the named table, atomically; `decided_by` goes into the file's metadata.
+def columns(table, causes=()):
+    """The columns of the named table, for an experiment with these causes."""
+    return TABLES[table](causes)
 
-    Raises TableError if a column is missing, unknown or not convertible.
+
+def write(path, frame, table, plan=None, causes=(), **about):
+    """Write a frame as the named table, whole or not at all.
+
+    plan: mapping of what decides its numbers; causes: names of those that the experiment names, for
+    a table that has columns of them; about: what else goes into the file's metadata. Raises
+    TableError if a column is missing, unknown or not convertible.
     """
-    columns = TABLES[table]
-    names = [column.name for column in columns]
+    known = columns(table, registry.named(causes))
+    names = [column.name for column in known]
     if set(names) != set(frame.columns):
         missing, extra = set(names) - set(frame.columns), set(frame.columns) - set(names)
         raise TableError(
             f"{path}: not a {table} table: missing {sorted(missing)}, unknown {sorted(extra)}"
         )
-    arrow = pa.Table.from_pandas(frame[names], schema=_schema(table), preserve_index=False)
-    metadata = {"icpshap": json.dumps({"table": table, **(decided_by or {})}, sort_keys=True)}
-    path = Path(path)
-    temporary = path.with_name(path.name + ".part")
-    pq.write_table(arrow.replace_schema_metadata(metadata), temporary)
-    os.replace(temporary, path)
+    arrow = pa.Table.from_pandas(frame[names], schema=_schema(known), preserve_index=False)
+    about = {"table": table, **({"plan": plan} if plan else {}), **about}
+    if table in WITH_CAUSES:
+        about["causes"] = [cause.name for cause in registry.named(causes)]
+    storage.write(path, arrow, about)
 
 
 def read(path, table):
-    """The frame of a file of the named table. Raises TableError if its columns are others."""
-    file = pq.ParquetFile(path)
-    expected = _schema(table)
-    if not file.schema_arrow.equals(expected):
-        found = ", ".join(file.schema_arrow.names)
+    """The frame of a file of the named table.
+
+    Raises TableError if its columns are others, storage.StorageError if the file is damaged.
+    """
+    found, about = storage.read(path)
+    expected = _schema(columns(table, _causes_of(path, about)))
+    if not found.schema.equals(expected):
         raise TableError(
             f"{path}: not a {table} table: expected columns {', '.join(expected.names)}, "
-            f"found {found}.\nHint: remove the file; the workflow makes it again."
+            f"found {', '.join(found.schema.names)}.\n"
+            "Hint: remove the file; the workflow makes it again."
         )
-    return file.read().to_pandas()
+    return found.to_pandas()
 
 
-def read_metadata(path):
-    """What decided the numbers of a file, as `write` was told."""
-    return json.loads(pq.read_schema(path).metadata[b"icpshap"])
+def read_all(paths, table):
+    """The frames of several files of the named table as one; they must have the same causes."""
+    return pd.concat([read(path, table) for path in paths], ignore_index=True)
+
+
+def read_about(path):
+    """What `write` was told of a file besides its rows."""
+    return storage.read_about(path)
 
 
 def read_points(path):
@@ -255,9 +337,9 @@ def read_poses(path):
     return read(path, "poses")[TRANSFORM].to_numpy().reshape(-1, 4, 4)
 
 
-def empty(table):
-    """The named table without rows."""
-    return _schema(table).empty_table().to_pandas()
+def empty(table, causes=()):
+    """The named table without rows; causes: their names."""
+    return _schema(columns(table, registry.named(causes))).empty_table().to_pandas()
 
 
 def points_frame(points):
@@ -269,7 +351,19 @@ def poses_frame(T_global_scan):
     return frame.assign(scan=range(len(T_global_scan)))
 
 
-def _schema(table):
+def _causes_of(path, about):
+    names = about.get("causes", [])
+    unknown = [name for name in names if name not in registry.CAUSES]
+    if unknown:
+        raise TableError(
+            f"{path}: the file has columns of the causes {', '.join(unknown)}, which do not exist "
+            f"here; known are {', '.join(registry.CAUSES)}.\n"
+            "Hint: bring back the files of icpshap/causes/ that it was made with, or remove it."
+        )
+    return registry.named(names)
+
+
+def _schema(known):
     return pa.schema(
         [
             pa.field(
@@ -277,6 +371,6 @@ def _schema(table):
                 pa.type_for_alias(column.type),
                 metadata={"unit": column.unit, "description": column.description},
             )
-            for column in TABLES[table]
+            for column in known
         ]
     )

@@ -6,6 +6,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from icpshap import tables
+from icpshap.causes import CAUSES, named
 
 POINTS = np.arange(30.0).reshape(10, 3)
 
@@ -22,7 +23,7 @@ def test_units_and_what_decided_the_numbers_are_in_the_file(tmp_path):
     path = tmp_path / "scan.parquet"
     tables.write(path, tables.points_frame(POINTS), "scan", {"seed": 4})
     assert pq.read_schema(path).field("x").metadata[b"unit"] == b"m"
-    assert tables.read_metadata(path) == {"table": "scan", "seed": 4}
+    assert tables.read_about(path) == {"table": "scan", "plan": {"seed": 4}}
 
 
 def test_same_frame_same_bytes_and_no_partial_file(tmp_path):
@@ -46,9 +47,33 @@ def test_a_file_of_another_table_is_refused(tmp_path):
         tables.read(path, "runs")
 
 
+@pytest.mark.parametrize("names", [(), ("sensor_noise",), tuple(CAUSES)])
 @pytest.mark.parametrize("table", tables.TABLES)
-def test_an_empty_table_has_its_columns(tmp_path, table):
-    tables.write(tmp_path / "empty.parquet", tables.empty(table), table)
-    frame = tables.read(tmp_path / "empty.parquet", table)
-    assert list(frame.columns) == [column.name for column in tables.TABLES[table]]
+def test_an_empty_table_has_its_columns(tmp_path, table, names):
+    path = tmp_path / "empty.parquet"
+    tables.write(path, tables.empty(table, names), table, causes=names)
+    frame = tables.read(path, table)
+    assert list(frame.columns) == [column.name for column in tables.columns(table, named(names))]
     assert len(frame) == 0
+
+
+def test_columns_follow_from_the_causes_that_are_named():
+    of_two = [c.name for c in tables.columns("shap", named(["sensor_noise", "partial_overlap"]))]
+    assert "phi_sensor_noise" in of_two
+    assert "interaction_sensor_noise_partial_overlap" in of_two
+    assert not [name for name in of_two if "initial_pose" in name]
+
+
+def test_the_file_says_whose_columns_it_has(tmp_path):
+    path = tmp_path / "runs.parquet"
+    backwards = ("partial_overlap", "sensor_noise")
+    tables.write(path, tables.empty("runs", backwards), "runs", {"seed": 4}, backwards)
+    assert tables.read_about(path)["causes"] == ["sensor_noise", "partial_overlap"]
+
+
+def test_a_file_of_a_cause_that_is_gone_is_named(tmp_path, monkeypatch):
+    path = tmp_path / "runs.parquet"
+    tables.write(path, tables.empty("runs", ["sensor_noise"]), "runs", causes=["sensor_noise"])
+    monkeypatch.delitem(CAUSES, "sensor_noise")
+    with pytest.raises(tables.TableError, match=r"runs.parquet: .*causes sensor_noise.*\nHint"):
+        tables.read(path, "runs")

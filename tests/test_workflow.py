@@ -39,7 +39,7 @@ def test_everything_is_made(finished):
 
 def test_logs_are_written_where_the_rule_says(finished):
     logs = finished.folder / "logs"
-    assert (logs / "run_icp" / "tiny_grid" / "tiny_room" / "0-1" / "0.log").is_file()
+    assert (logs / "run_icp" / "tiny_grid" / "tiny_room" / "0.log").is_file()
     said = (logs / "check_pair" / "tiny_grid" / "tiny_room" / "0-1.log").read_text()
     assert said.startswith("overlap 0.")
 
@@ -49,7 +49,7 @@ def test_a_second_run_has_nothing_to_do(finished):
 
 
 def test_one_sequence_and_then_all_again_registers_nothing_twice(finished):
-    before = finished.digests("results/*/*/runs/**/*.parquet")
+    before = finished.digests("results/*/*/runs/*.parquet")
     stamps = {path: (finished.folder / path).stat().st_mtime_ns for path in before}
     restricted = finished.tiny("--config", "sequences=[tiny_stairs]")
     assert "run_icp" not in restricted
@@ -70,7 +70,7 @@ def test_forcing_one_sequence_leaves_the_others_alone(finished):
         "run_icp",
     )
     assert "tiny_stairs" in plan
-    assert "runs/0-1" in plan
+    assert "runs/0.parquet" in plan
     assert "tiny_room" not in plan.replace("(tiny_room)", "")
 
 
@@ -103,7 +103,7 @@ class TestWhatRunsAgain:
 
     def test_the_same_code_elsewhere_computes_nothing_again(self, edited):
         reads_the_papers_numbers = {"median_table", "compare_with_paper", "report"}
-        others = {"all", "total", "provenance"}
+        others = {"all", "total", "provenance", "checksums"}
         assert set(self.planned(edited)) <= reads_the_papers_numbers | others
 
     def test_the_settings_of_a_figure_plan_no_registration(self, edited):
@@ -117,7 +117,7 @@ class TestWhatRunsAgain:
             "    runs: 60\n    divergence: symmetric_kl",
         )
         planned = self.planned(edited)
-        assert planned["explain_sequence"] == 3
+        assert planned["explain_sequence"] == 4
         assert "run_icp" not in planned
 
     def test_another_sequence_registers_only_itself(self, edited):
@@ -139,7 +139,7 @@ class TestWhatRunsAgain:
         [
             ("runs: 60", "runs: 70"),
             ("runs: 60", "runs: 60\n    minimum_range: 1.5"),
-            ("runs_per_job: 300", "runs_per_job: 300\nperturbation: {minimum_overlap: 0.2}"),
+            ("runs_per_job: 300", "runs_per_job: 300\nperturbation: {overlap_distance: 0.3}"),
             ("fixed: {sensor_noise: 0.05,", "fixed: {sensor_noise: 0.07,"),
             ("runs_per_job: 300", "runs_per_job: 300\nseed: 1"),
         ],
@@ -151,6 +151,55 @@ class TestWhatRunsAgain:
     def test_editing_the_engine_registers_again(self, edited):
         change(edited.code / "icpshap/se3.py", "result[..., 3, 3] = 1.0", "result[..., 3, 3] = 2.0")
         assert self.planned(edited)["run_icp"] > 3
+
+    def test_editing_a_cause_registers_the_experiments_that_name_it(self, edited):
+        change(edited.code / "icpshap/causes/sensor_noise.py", "points + level", "points - level")
+        change(
+            edited.folder / "tiny.yaml",
+            "run: [tiny_grid, tiny_fixed, tiny_pose]",
+            "run: [tiny_pose]",
+        )
+        assert "run_icp" not in self.planned(edited)
+        change(
+            edited.folder / "tiny.yaml",
+            "run: [tiny_pose]",
+            "run: [tiny_grid, tiny_fixed, tiny_pose]",
+        )
+        assert self.planned(edited)["run_icp"] >= 6
+
+    def test_editing_an_estimator_registers_again(self, edited):
+        path = edited.code / "icpshap/estimators/monte_carlo.py"
+        change(path, "k * number", "0 + k * number")
+        assert self.planned(edited)["run_icp"] > 6
+
+    def test_another_cause_or_estimator_in_the_library_plans_nothing(self, edited):
+        before = self.planned(edited)
+        shutil.copy(REPOSITORY / "tests/made_causes.py", edited.code / "icpshap/causes/made.py")
+        shutil.copy(REPOSITORY / "tests/known_estimator.py", edited.code / "icpshap/estimators")
+        shutil.copy(REPOSITORY / "tests/known_runs.py", edited.code)
+        assert self.planned(edited) == before
+
+    def test_the_smallest_overlap_registers_nothing(self, edited):
+        smallest = "runs_per_job: 300\nperturbation: {minimum_overlap: 0.2}"
+        change(edited.folder / "tiny.yaml", "runs_per_job: 300", smallest)
+        planned = self.planned(edited)
+        assert planned["check_pair"] == 5 and planned["explain_sequence"] == 4
+        assert "run_icp" not in planned
+
+    def test_more_scans_register_no_old_pair(self, edited):
+        change(edited.folder / "tiny.yaml", "Tiny room\n    scans: 2", "Tiny room\n    scans: 3")
+        planned = self.planned(edited)
+        # The poses and the new scan, one overlap, one check, the job or two of the new pair.
+        assert planned["simulate_sequence"] == 2 and planned["measure_overlap"] == 1
+        assert planned["check_pair"] == 1 and planned["run_icp"] <= 2
+
+    def test_the_limits_of_a_basin_register_nothing(self, edited):
+        change(
+            edited.folder / "tiny.yaml", "runs: 60", "runs: 60\n    wrong_basin_translation: 0.2"
+        )
+        planned = self.planned(edited)
+        assert planned["explain_sequence"] == 4
+        assert "run_icp" not in planned
 
     def test_editing_a_figure_plans_figures_alone(self, edited):
         change(
@@ -173,7 +222,9 @@ def test_a_dry_run_needs_no_data_and_no_network(project):
     pairs = 267
     assert planned["measure_overlap"] == pairs
     assert planned["explain_sequence"] == 1 + len(sequences)
-    assert planned["run_icp"] >= pairs
+    # Jobs of at most 4,100 runs, several pairs to one: 9 settings of each pair, 1,332 of the grid.
+    fewest = (9 * pairs + 1332) * 100 / 4100
+    assert fewest <= planned["run_icp"] <= 1.1 * fewest
 
 
 class TestBadInput:
@@ -196,7 +247,7 @@ class TestBadInput:
         config["data"] = {"own": {"scans": 2, "folder": {"path": "scans"}}}
         config["experiments"]["tiny_fixed"]["sequences"] = ["own"]
         config["experiments"]["tiny_fixed"]["figures"] = []
-        del config["experiments"]["tiny_grid"]
+        del config["experiments"]["tiny_grid"], config["experiments"]["tiny_pose"]
         config |= {"sequences": ["own"], "run": ["tiny_fixed"]}
         (project.folder / "tiny.yaml").write_text(yaml.safe_dump(config))
         return project

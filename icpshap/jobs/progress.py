@@ -3,6 +3,8 @@
 import logging
 import time
 
+from icpshap.jobs.logs import INTERRUPTED
+
 # What these events of snakemake say, the lines of this module say shorter; its log file keeps them.
 REPLACED = {
     "workflow_started",
@@ -37,15 +39,17 @@ def is_replaced(record):
 class Progress(logging.Handler):
     """Turns snakemake's events into a line for every finished job.
 
-    `failed` holds the logs of jobs that failed. terminal: where lines go; planned(): the ICP
-    settings and runs of the jobs that will run; settings_and_runs(wildcards): those of one job.
+    `failed` holds the logs of jobs that failed. terminal: where lines go; planned(): the settings
+    and runs of the jobs that will run; settings_and_runs(wildcards): those of one job; estimating:
+    names of the rules whose jobs these are.
     """
 
-    def __init__(self, terminal, planned, settings_and_runs, clock=time.monotonic):
+    def __init__(self, terminal, planned, settings_and_runs, estimating, clock=time.monotonic):
         super().__init__()
         self.terminal = terminal
         self.planned = planned
         self.settings_and_runs = settings_and_runs
+        self.estimating = estimating
         self.clock = clock
         self.jobs = {}
         self.failed = []
@@ -59,7 +63,7 @@ class Progress(logging.Handler):
             self.planned_settings, self.planned_runs = self.planned()
         elif event == "job_info":
             self.jobs[record.jobid] = (record.rule_name, record.wildcards)
-            if record.rule_name == "run_icp" and self.started is None:
+            if record.rule_name in self.estimating and self.started is None:
                 self.started = self.clock()
         elif event == "job_error":
             self.failed += record.log
@@ -73,7 +77,7 @@ class Progress(logging.Handler):
         """What is said of a job that has just finished."""
         count = f"[{self.finished:>{len(str(self.total))}}/{self.total}]"
         text = f"{count} {rule} {' '.join(map(str, wildcards.values()))}"
-        if rule != "run_icp":
+        if rule not in self.estimating:
             return text
         settings, runs = self.settings_and_runs(wildcards)
         self.settings += settings
@@ -87,12 +91,32 @@ class Progress(logging.Handler):
 
 
 def failure(logs):
-    """What a run that failed ends with; logs: those of the jobs that failed."""
-    where = "".join(f"\n  {log}" for log in logs)
+    """What a run that failed or was stopped ends with; logs: those of the jobs that failed."""
+    if any(INTERRUPTED in _text(log) for log in logs):
+        return STOPPED
+    where = "".join(f"\n  {log}{_killed(log)}" for log in logs)
     return (
         f"{len(logs)} job(s) failed; what they said is in{where}\n"
         "Hint: mend the cause and run the same command again; finished jobs are kept."
     )
+
+
+STOPPED = "Stopped. The same command goes on where this run was; finished jobs are kept."
+
+
+def _text(log):
+    try:
+        with open(log, encoding="utf-8", errors="replace") as file:
+            return file.read()
+    except OSError:
+        return ""
+
+
+def _killed(log):
+    """A remark on a job that said nothing of an error: it was killed, and could not."""
+    if "Error" in _text(log):
+        return ""
+    return " (no error in it: killed from outside? If memory ran out, raise mem_mb or use -j1)"
 
 
 def duration(seconds):

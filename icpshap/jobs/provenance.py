@@ -89,17 +89,25 @@ def job_times(logs, names):
             for path in sorted(folder.rglob("*.tsv"))
             if path.relative_to(folder).with_suffix("").parts[0] in names
         ]
-        if files:
-            seconds = [float(pd.read_csv(file, sep="\t")["s"].iloc[0]) for file in files]
+        seconds = [known for file in files if (known := _seconds(file)) is not None]
+        if seconds:
             rows.append(
                 {
                     "rule": folder.name,
-                    "jobs": len(files),
+                    "jobs": len(seconds),
                     "seconds": round(sum(seconds), 1),
                     "longest": round(max(seconds), 1),
                 }
             )
     return pd.DataFrame(rows, columns=["rule", "jobs", "seconds", "longest"])
+
+
+def _seconds(file):
+    """The seconds that a benchmark file tells; None if it is broken, as a kill leaves it."""
+    try:
+        return float(pd.read_csv(file, sep="\t")["s"].iloc[0])
+    except (ValueError, KeyError, IndexError, OSError):
+        return None
 
 
 def _version(package):
@@ -110,4 +118,4 @@ def _version(package):
 
 
 def _lines(path):
-    return Path(path).read_text().splitlines() if Path(path).exists() else []
+    return Path(path).read_text(encoding="utf-8").splitlines() if Path(path).exists() else []

@@ -6,17 +6,14 @@ import sys
 import pytest
 from conftest import REPOSITORY
 
-from icpshap import config as settings
-from icpshap import tables
-from icpshap.data import scans as dataset
+from icpshap import config, errors, tables
 from icpshap.errors import UserError
-from icpshap.estimators import perturb as perturbation
 
 JOB = """\
 import os
 import sys
 
-from icpshap.data.scans import DataError
+from icpshap.errors import DataError
 from icpshap.jobs.logs import job_log
 
 with job_log(sys.argv[1]) as terminal:
@@ -76,9 +73,9 @@ def test_a_mistake_of_ours_leaves_its_traceback(run_job, last, error):
 @pytest.mark.parametrize(
     "error",
     [
-        settings.SettingsError,
-        dataset.DataError,
-        perturbation.PerturbationError,
+        config.ConfigError,
+        errors.DataError,
+        errors.PerturbationError,
         tables.TableError,
     ],
 )

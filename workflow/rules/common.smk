@@ -1,27 +1,41 @@
-"""Settings of the workflow, and the questions that rules ask of them."""
+"""The configuration, and the questions that rules ask of it."""
 
 import csv
+import sys
 import time
 from dataclasses import asdict
 
-from icpshap import config as settings, plan
+from icpshap import config as configuration, options
 from icpshap.data import citation
-from icpshap.jobs import digests as provenance, provenance as record
-from icpshap.data.scans import DataError, find_folder_files
-from icpshap.causes import NAMES
+from icpshap.data.folder import find_folder_files
+from icpshap.errors import DataError
+from icpshap.jobs import digests, parents, paths, progress, start
+from icpshap.jobs.plans import Plans, is_settled
+from icpshap.jobs.paths import at
+from icpshap.jobs.provenance import commit
 
 try:
-    SETTINGS = settings.load(config)
-except settings.SettingsError as error:
+    for path in workflow.configfiles:
+        configuration.check_file(path)
+    CONFIG = configuration.load(config)
+except configuration.ConfigError as error:
     raise WorkflowError(str(error)) from None
 
 STARTED = time.time()
 
+for key in CONFIG.sequences:
+    archive = CONFIG.data[key].archive or {}
+    if "path" in archive and not os.path.isfile(archive["path"]):
+        raise WorkflowError(
+            f"data.{key}.archive: {archive['path']}: no such file.\n"
+            "Hint: the path is relative to the working directory; `url` fetches from the server."
+        )
+
 # Scan files and pose file of each folder, known without reading them; a missing one is said here,
 # since an error of an input function comes with a traceback.
 FOLDER_FILES = {}
-for key in SETTINGS.sequences:
-    sequence = SETTINGS.data[key]
+for key in CONFIG.sequences:
+    sequence = CONFIG.data[key]
     if sequence.kind == "folder":
         try:
             FOLDER_FILES[key] = find_folder_files(
@@ -29,6 +43,14 @@ for key in SETTINGS.sequences:
             )
         except DataError as error:
             raise WorkflowError(f"data.{key}: {error}") from None
+
+PLANS = Plans(
+    CONFIG,
+    FOLDER_FILES,
+    lambda script, *plugins: digests.code_digest(
+        f"{workflow.basedir}/workflow/scripts/{script}.py", plugins
+    ),
+)
 
 # Jobs are parallel by processes; a library that starts threads of its own only gets in their way.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -41,8 +63,19 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 
 def keys_of_kind(kind):
     """Regular expression of the sequences that are an archive, a folder or simulated."""
-    keys = [key for key, sequence in SETTINGS.data.items() if sequence.kind == kind]
+    keys = [key for key, sequence in CONFIG.data.items() if sequence.kind == kind]
     return "|".join(keys) or "(?!)"
+
+
+def experiments_that_return(samples, covariances):
+    """Regular expression of the experiments whose estimator returns just this."""
+    names = [
+        name
+        for name, experiment in CONFIG.experiments.items()
+        for returns in [CONFIG.estimators[experiment.estimator].estimator.kind.returns]
+        if (returns.samples, returns.covariances) == (samples, covariances)
+    ]
+    return "|".join(names) or "(?!)"
 
 
 wildcard_constraints:
@@ -53,24 +86,37 @@ wildcard_constraints:
     index=r"\d+",
     reference=r"\d+",
     source=r"\d+",
-    chunk=r"\d+",
+    job=r"\d+",
 
 
-def code_digest(rule):
-    """Digest of the library modules that a rule's script imports: editing them runs it again."""
-    return provenance.code_digest(f"{workflow.basedir}/workflow/scripts/{rule}.py")
+# --- what a job is about ---------------------------------------------------------------------------
 
 
 def sequence_of(wildcards):
-    return SETTINGS.data[wildcards.sequence]
+    return CONFIG.data[wildcards.sequence]
 
 
 def experiment_of(wildcards):
-    return SETTINGS.experiments[wildcards.experiment]
+    """The experiment of a job, by its wildcard {experiment} or {scope}."""
+    name = wildcards.get("experiment") or wildcards["scope"].split("/")[0]
+    return CONFIG.experiments[name]
+
+
+def preset_of(wildcards):
+    return CONFIG.estimators[experiment_of(wildcards).estimator]
 
 
 def estimator_of(wildcards):
-    return SETTINGS.estimators[experiment_of(wildcards).estimator]
+    """The estimator with the causes that the experiment names."""
+    return preset_of(wildcards).estimator.of_causes(experiment_of(wildcards).causes)
+
+
+def returns_of(wildcards):
+    return estimator_of(wildcards).kind.returns
+
+
+def method_of(wildcards):
+    return options.values(preset_of(wildcards).method)
 
 
 def pairs_of(wildcards):
@@ -78,39 +124,174 @@ def pairs_of(wildcards):
 
 
 def jobs_of(wildcards):
-    """The settings of each job of a pair, in the order of the chunks."""
-    experiment = experiment_of(wildcards)
-    return plan.jobs(
-        experiment.levels,
-        experiment.replicates,
-        estimator_of(wildcards).runs,
-        SETTINGS.runs_per_job,
-    )
+    """The parts of each job of a sequence."""
+    return PLANS.jobs(wildcards.experiment, wildcards.sequence)
+
+
+def parts_of(wildcards):
+    """The parts of one job."""
+    return jobs_of(wildcards)[int(wildcards.job)]
+
+
+def scans_of(wildcards):
+    """Indices of the scans that a job reads."""
+    return sorted({index for part in parts_of(wildcards) for index in part.pair})
+
+
+def index_of(part):
+    """Index of the scan that a part of a simulated sequence is; None for its poses."""
+    return None if part == "poses" else int(part.removeprefix("scan_"))
+
+
+def plan_of_part(wildcards):
+    index = index_of(wildcards.part)
+    if index is None:
+        return PLANS.poses(wildcards.sequence)
+    return PLANS.scan(wildcards.sequence, index)
+
+
+def scans_until(wildcards):
+    """How many poses a part of a simulated sequence needs: a scan those up to its own."""
+    index = index_of(wildcards.part)
+    return sequence_of(wildcards).scans if index is None else index + 1
+
+
+def pair_of(wildcards):
+    return int(wildcards.reference), int(wildcards.source)
+
+
+def code(rule):
+    """Digest of the library modules that a rule's script imports: editing them runs it again."""
+    return digests.code_digest(f"{workflow.basedir}/workflow/scripts/{rule}.py")
+
+
+def code_of_experiment(rule):
+    """The same with the causes and the estimator of the job's experiment, and no others."""
+    script = f"{workflow.basedir}/workflow/scripts/{rule}.py"
+    return lambda wildcards: digests.code_digest(script, estimator_of(wildcards).plugins)
+
+
+def plugins_of(wildcards):
+    """Names of the causes and the estimator of a job's experiment."""
+    return digests.plugin_names(estimator_of(wildcards))
+
+
+# --- files -----------------------------------------------------------------------------------------
+
+
+def of_pair(template, wildcards, pair):
+    """The file of a pair of a job's sequence (and experiment)."""
+    reference, source = pair
+    return at(template, **dict(wildcards.items()), reference=reference, source=source)
+
+
+def scan_of_pair(role):
+    """Input function: the reference or the source scan of a pair's job."""
+    return lambda wildcards: at(paths.SCAN, sequence=wildcards.sequence, index=wildcards[role])
 
 
 def local_archive(wildcards):
     return sequence_of(wildcards).archive.get("path", [])
 
 
+def scans_of_job(wildcards):
+    return [at(paths.SCAN, sequence=wildcards.sequence, index=k) for k in scans_of(wildcards)]
+
+
+def overlaps_of_job(wildcards):
+    return [of_pair(paths.OVERLAP, wildcards, part.pair) for part in parts_of(wildcards)]
+
+
+def of_old(files, path, plan):
+    """Input files of which a newer one is no reason to make `path` again if its plan is the same.
+
+    More scans make the poses anew, and another smallest overlap the checks of pairs. Only then are
+    they `ancient`, since what depends on ancient files alone is not looked at any further.
+    """
+    return [ancient(file) for file in files] if is_settled(path, plan) else files
+
+
+def poses_for(template, plan):
+    """Input function: the poses, for a file of this template and plan(wildcards)."""
+
+    def poses(wildcards):
+        made = at(template, **dict(wildcards.items()))
+        known = [at(paths.POSES, sequence=wildcards.sequence)]
+        return of_old(known, made, plan(wildcards))[0]
+
+    return poses
+
+
+def plan_of_scan(wildcards):
+    return PLANS.scan(wildcards.sequence, int(wildcards.index))
+
+
+def plan_of_overlap(wildcards):
+    return PLANS.overlap(wildcards.sequence, pair_of(wildcards))
+
+
+def plan_of_pair(wildcards):
+    return PLANS.pair(wildcards.experiment, wildcards.sequence, pair_of(wildcards))
+
+
+def plan_of_job(wildcards):
+    return PLANS.job(wildcards.experiment, wildcards.sequence, int(wildcards.job))
+
+
+def estimates_template(wildcards):
+    return paths.RUNS if returns_of(wildcards).samples else paths.ESTIMATES
+
+
+def poses_of_job(wildcards):
+    return poses_for(estimates_template(wildcards), plan_of_job)(wildcards)
+
+
+def checks_of_job(wildcards):
+    checks = [of_pair(paths.PAIR, wildcards, part.pair) for part in parts_of(wildcards)]
+    made = at(estimates_template(wildcards), **dict(wildcards.items()))
+    return of_old(checks, made, plan_of_job(wildcards))
+
+
 def checks_of_pairs(wildcards):
-    return [
-        f"results/{wildcards.experiment}/{wildcards.sequence}/pairs/{reference}-{source}.parquet"
-        for reference, source in pairs_of(wildcards)
-    ]
+    return [of_pair(paths.PAIR, wildcards, pair) for pair in pairs_of(wildcards)]
 
 
-def runs_of_pairs(wildcards):
-    chunks = len(jobs_of(wildcards))
-    return [
-        f"results/{wildcards.experiment}/{wildcards.sequence}/runs/{i}-{j}/{chunk}.parquet"
-        for i, j in pairs_of(wildcards)
-        for chunk in range(chunks)
+def of_jobs(template, wildcards, jobs):
+    values = {"experiment": wildcards.experiment, "sequence": wildcards.sequence}
+    return [at(template, **values, job=job) for job in jobs]
+
+
+def runs_of_sequence(wildcards):
+    jobs = range(len(jobs_of(wildcards)))
+    return of_jobs(paths.RUNS, wildcards, jobs) if returns_of(wildcards).samples else []
+
+
+def estimates_of_sequence(wildcards):
+    jobs = range(len(jobs_of(wildcards)))
+    return of_jobs(paths.ESTIMATES, wildcards, jobs) if returns_of(wildcards).covariances else []
+
+
+def runs_of_scene(wildcards):
+    """The runs of the jobs that hold a pair's settings."""
+    pair = (int(wildcards.reference), int(wildcards.source))
+    jobs = [
+        number
+        for number, parts in enumerate(jobs_of(wildcards))
+        if any(part.pair == pair for part in parts)
     ]
+    return of_jobs(paths.RUNS, wildcards, jobs) if returns_of(wildcards).samples else []
+
+
+def shap_of_scope(wildcards):
+    return at(paths.TABLE, scope=wildcards.scope, table="shap")
+
+
+# --- what is shown ---------------------------------------------------------------------------------
 
 
 def selected_sequences(experiment):
     """The sequences of an experiment that are selected, in the experiment's order."""
-    return [key for key in experiment.pairs if key in SETTINGS.sequences]
+    return [key for key in experiment.pairs if key in CONFIG.sequences]
 
 
 def scopes(experiment):
@@ -121,71 +302,75 @@ def scopes(experiment):
     return [f"{experiment.name}/{key}" for key in selected]
 
 
-FIGURES = {
-    "summary": ["summary"],
-    "waterfall": ["waterfall"],
-    "dependence": [
-        "dependence_sensor_noise_by_initial_pose",
-        "dependence_initial_pose_by_partial_overlap",
-        "dependence_partial_overlap_by_initial_pose",
-    ],
-    "interactions": ["interactions"],
-    "pairs": ["pairs"],
-}
+def figure_names(experiment):
+    """Names of the figures of an experiment, one for each couple of a dependence plot."""
+    names = []
+    for figure in experiment.figures:
+        if figure == "dependence":
+            names += [f"dependence_{a}_by_{b}" for a, b in experiment.dependence]
+        else:
+            names.append(figure)
+    return names
 
 
 def study_of(wildcards):
     """How the numbers of a scope came about, as far as figures and captions say it."""
-    name = wildcards.get("experiment") or wildcards["scope"].split("/")[0]
-    experiment = SETTINGS.experiments[name]
-    estimator = SETTINGS.estimators[experiment.estimator]
+    experiment, preset = experiment_of(wildcards), preset_of(wildcards)
     return {
         "name": experiment.name,
         "estimator": experiment.estimator,
-        "divergence": estimator.divergence,
-        "noise_draws": estimator.noise_draws,
-        "bias_correction": estimator.bias_correction,
-        "wrong_basins": estimator.wrong_basins,
-        "titles": {key: SETTINGS.data[key].title for key in experiment.pairs},
+        "kind": preset.estimator.kind.name,
+        "causes": list(experiment.causes),
+        "divergence": preset.method.divergence,
+        "noise_draws": preset.estimator.perturbing.noise_draws,
+        "bias_correction": preset.method.bias_correction,
+        "wrong_basins": preset.method.wrong_basins,
+        "dependence": [list(couple) for couple in experiment.dependence],
+        "titles": {key: CONFIG.data[key].title for key in experiment.pairs},
         "waterfall": experiment.waterfall,
     }
 
 
-def figures_of(experiment, scope):
-    """Pictures of an experiment, or of one sequence of it."""
-    names = [name for family in experiment.figures for name in FIGURES[family]]
-    figures = [f"results/{scope}/figures/{name}.png" for name in names]
-    return figures + [
-        f"results/{experiment.name}/{sequence}/figures/scene_{reference}-{source}.{kind}"
+def perturbation_of_scene(wildcards):
+    """The instance of the waterfall plot, or every cause at its largest level."""
+    experiment = experiment_of(wildcards)
+    return experiment.waterfall or {name: max(levels) for name, levels in experiment.levels.items()}
+
+
+def figures_of(experiment, scope, kind):
+    """Pictures of an experiment, or of one sequence of it, as files of a kind."""
+    figures = [
+        at(paths.FIGURE, scope=scope, figure=name, kind=kind) for name in figure_names(experiment)
+    ]
+    return figures + scenes_of(experiment, scope, kind)
+
+
+def scenes_of(experiment, scope, kind):
+    return [
+        at(
+            paths.SCENE,
+            experiment=experiment.name,
+            sequence=sequence,
+            reference=reference,
+            source=source,
+            kind=kind,
+        )
         for sequence, pairs in experiment.scenes.items()
         if scope in (experiment.name, f"{experiment.name}/{sequence}")
         for reference, source in pairs
-        for kind in ("png", "html")
     ]
-
-
-def runs_of_scene(wildcards):
-    folder = f"results/{wildcards.experiment}/{wildcards.sequence}/runs"
-    pair = f"{wildcards.reference}-{wildcards.source}"
-    return [f"{folder}/{pair}/{chunk}.parquet" for chunk in range(len(jobs_of(wildcards)))]
-
-
-def perturbation_of_scene(wildcards):
-    """The instance of the waterfall plot, or every source at its largest level."""
-    experiment = experiment_of(wildcards)
-    return experiment.waterfall or {name: max(experiment.levels[name]) for name in NAMES}
 
 
 def rankings_of(experiment, scope):
     """Medians are of pairs; over the perturbations of a grid they would mean little."""
     if any(len(levels) > 1 for levels in experiment.levels.values()):
         return []
-    return [f"results/{scope}/tables/outlier_rules.csv"]
+    return [at(paths.OUTLIER_RULES, scope=scope)]
 
 
 def selected_scopes():
     """Experiment and scope of all that is selected."""
-    experiments = [SETTINGS.experiments[name] for name in SETTINGS.run]
+    experiments = [CONFIG.experiments[name] for name in CONFIG.run]
     return [(experiment, scope) for experiment in experiments for scope in scopes(experiment)]
 
 
@@ -195,11 +380,10 @@ def sections():
         {
             "scope": scope,
             "study": study_of({"experiment": experiment.name}),
-            "figures": [
-                path.replace(".png", ".svg")
-                for path in figures_of(experiment, scope)
-                if path.endswith(".png")
-            ],
+            "shap": at(paths.TABLE, scope=scope, table="shap"),
+            "uncertainty": at(paths.TABLE, scope=scope, table="uncertainty"),
+            "pairs": at(paths.TABLE, scope=scope, table="pairs"),
+            "figures": figures_of(experiment, scope, "svg"),
             "rankings": rankings_of(experiment, scope),
         }
         for experiment, scope in selected_scopes()
@@ -208,7 +392,7 @@ def sections():
 
 def compared_sections():
     """The sections with a sequence that the paper has values of."""
-    with open(f"{workflow.basedir}/reference/table1.csv") as table:
+    with open(f"{workflow.basedir}/reference/table1.csv", encoding="utf-8") as table:
         known = {row["sequence"] for row in csv.DictReader(table)}
     return [section for section in sections() if known & set(section["study"]["titles"])]
 
@@ -219,7 +403,7 @@ def files_of(sections, *tables):
         path
         for section in sections
         for path in [
-            *(f"results/{section['scope']}/{table}.parquet" for table in tables),
+            *(section[table] for table in tables),
             *section["rankings"],
             *section["figures"],
         ]
@@ -227,22 +411,33 @@ def files_of(sections, *tables):
 
 
 def titles():
-    return {key: sequence.title for key, sequence in SETTINGS.data.items()}
+    return {key: sequence.title for key, sequence in CONFIG.data.items()}
+
+
+def look_at_what_is_there():
+    """Put aside what another plan made, and say it."""
+    # Before the workflow is set up, only the command line tells what this is going to be.
+    for line in start.look(PLANS, CONFIG.run, CONFIG.sequences, start.is_run(sys.argv[1:])):
+        logger.info(line)
 
 
 def targets():
     """The files of every selected experiment that has a selected sequence."""
-    for name in SETTINGS.run:
-        if not selected_sequences(SETTINGS.experiments[name]):
-            known = ", ".join(SETTINGS.experiments[name].pairs)
+    for name in CONFIG.run:
+        if not selected_sequences(CONFIG.experiments[name]):
+            known = ", ".join(CONFIG.experiments[name].pairs)
             logger.info(f"Skipping {name}: none of its sequences ({known}) is selected.")
-    paths = [
-        path for experiment, scope in selected_scopes() for path in figures_of(experiment, scope)
-    ]
-    paths += files_of(sections(), "uncertainty", "shap")
-    if not paths:
+    found = files_of(sections(), "uncertainty", "shap", "pairs")
+    for experiment, scope in selected_scopes():
+        found += figures_of(experiment, scope, "png") + figures_of(experiment, scope, "txt")
+        found += scenes_of(experiment, scope, "html")
+        if rankings_of(experiment, scope):
+            found += [at(paths.MEDIANS, scope=scope, kind=kind) for kind in ("csv", "md", "tex")]
+    if compared_sections():
+        found += [at(paths.COMPARISON, kind=k) for k in ("csv", "md", "png", "svg", "txt")]
+    if not found:
         raise WorkflowError(
-            f"None of the experiments {', '.join(SETTINGS.run)} has a pair in the sequences "
-            f"{', '.join(SETTINGS.sequences)}.\nHint: select others with `run` or `sequences`."
+            f"None of the experiments {', '.join(CONFIG.run)} has a pair in the sequences "
+            f"{', '.join(CONFIG.sequences)}.\nHint: select others with `run` or `sequences`."
         )
-    return [*paths, "results/report.html", "results/provenance.yaml"]
+    return [*found, paths.REPORT, paths.SUMMARY, paths.PROVENANCE]

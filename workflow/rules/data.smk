@@ -10,10 +10,10 @@ rule fetch_scan:
     """Fetch a scan of an archive: of a remote one, little more than its own bytes."""
     input:
         archive=local_archive,
-        # A wrong number of scans is said before any scan is fetched.
-        poses="resources/{sequence}/poses.parquet",
+        # A wrong number of scans is said before any scan is fetched; more scans fetch no old one.
+        poses=poses_for(paths.SCAN, plan_of_scan),
     output:
-        "resources/{sequence}/scan_{index}.parquet",
+        paths.SCAN,
     log:
         "logs/fetch_scan/{sequence}/{index}.log",
     benchmark:
@@ -27,9 +27,8 @@ rule fetch_scan:
         download=1,
     params:
         archive=lambda wildcards: sequence_of(wildcards).archive,
-        cache=lambda wildcards: f"resources/{wildcards.sequence}/archive",
-        drop_non_finite=lambda wildcards: sequence_of(wildcards).drop_non_finite,
-        scans=lambda wildcards: sequence_of(wildcards).scans,
+        cache=lambda wildcards: at(paths.ARCHIVE_CACHE, sequence=wildcards.sequence),
+        plan=plan_of_scan,
     script:
         "../scripts/fetch_scan.py"
 
@@ -39,7 +38,7 @@ rule fetch_poses:
     input:
         local_archive,
     output:
-        "resources/{sequence}/poses.parquet",
+        paths.POSES,
     log:
         "logs/fetch_poses/{sequence}.log",
     benchmark:
@@ -53,8 +52,9 @@ rule fetch_poses:
         download=1,
     params:
         archive=lambda wildcards: sequence_of(wildcards).archive,
-        cache=lambda wildcards: f"resources/{wildcards.sequence}/archive",
+        cache=lambda wildcards: at(paths.ARCHIVE_CACHE, sequence=wildcards.sequence),
         scans=lambda wildcards: sequence_of(wildcards).scans,
+        plan=lambda wildcards: PLANS.poses(wildcards.sequence),
     script:
         "../scripts/fetch_poses.py"
 
@@ -64,7 +64,7 @@ rule read_scan:
     input:
         lambda wildcards: FOLDER_FILES[wildcards.sequence][0][int(wildcards.index)],
     output:
-        "resources/{sequence}/scan_{index}.parquet",
+        paths.SCAN,
     log:
         "logs/read_scan/{sequence}/{index}.log",
     benchmark:
@@ -76,8 +76,7 @@ rule read_scan:
     resources:
         mem_mb=500,
     params:
-        code=code_digest("read_scan"),
-        drop_non_finite=lambda wildcards: sequence_of(wildcards).drop_non_finite,
+        plan=plan_of_scan,
     script:
         "../scripts/read_scan.py"
 
@@ -87,7 +86,7 @@ rule read_poses:
     input:
         lambda wildcards: FOLDER_FILES[wildcards.sequence][1],
     output:
-        "resources/{sequence}/poses.parquet",
+        paths.POSES,
     log:
         "logs/read_poses/{sequence}.log",
     benchmark:
@@ -99,8 +98,8 @@ rule read_poses:
     resources:
         mem_mb=500,
     params:
-        code=code_digest("read_poses"),
         scans=lambda wildcards: sequence_of(wildcards).scans,
+        plan=lambda wildcards: PLANS.poses(wildcards.sequence),
     script:
         "../scripts/read_poses.py"
 
@@ -108,7 +107,7 @@ rule read_poses:
 rule simulate_sequence:
     """Simulate the scans of a built-in scene; one job makes one scan or the poses."""
     output:
-        "resources/{sequence}/{part}.parquet",
+        paths.RESOURCE,
     log:
         "logs/simulate_sequence/{sequence}/{part}.log",
     benchmark:
@@ -121,10 +120,8 @@ rule simulate_sequence:
     resources:
         mem_mb=1000,
     params:
-        code=code_digest("simulate_sequence"),
-        scans=lambda wildcards: sequence_of(wildcards).scans,
-        simulated=lambda wildcards: sequence_of(wildcards).simulated,
-        seed=SETTINGS.seed,
+        plan=plan_of_part,
+        scans=scans_until,
     script:
         "../scripts/simulate_sequence.py"
 
@@ -132,11 +129,11 @@ rule simulate_sequence:
 rule measure_overlap:
     """Mark the source points of a pair that overlap with the reference at the true pose."""
     input:
-        reference="resources/{sequence}/scan_{reference}.parquet",
-        source="resources/{sequence}/scan_{source}.parquet",
-        poses="resources/{sequence}/poses.parquet",
+        reference=scan_of_pair("reference"),
+        source=scan_of_pair("source"),
+        poses=poses_for(paths.OVERLAP, plan_of_overlap),
     output:
-        "resources/{sequence}/overlap/{reference}-{source}.parquet",
+        paths.OVERLAP,
     log:
         "logs/measure_overlap/{sequence}/{reference}-{source}.log",
     benchmark:
@@ -146,7 +143,6 @@ rule measure_overlap:
     resources:
         mem_mb=500,
     params:
-        code=code_digest("measure_overlap"),
-        distance=SETTINGS.perturbation.overlap_distance,
+        plan=plan_of_overlap,
     script:
         "../scripts/measure_overlap.py"

@@ -1,20 +1,20 @@
-"""From ICP runs to uncertainties and to what each uncertainty source contributes.
+"""From pose samples and covariances to uncertainties and to what each cause contributes.
 
 Outputs: results/{experiment}/{sequence}/{pairs,uncertainty,shap,resampled}.parquet,
 results/{experiment}/{pairs,uncertainty,shap,resampled}.parquet
 """
+
+TABLES = ("pairs", "uncertainty", "shap", "resampled")
 
 
 rule explain_sequence:
     """Divergences of every setting and Shapley values of every instance of a sequence."""
     input:
         pairs=checks_of_pairs,
-        runs=runs_of_pairs,
+        runs=runs_of_sequence,
+        estimates=estimates_of_sequence,
     output:
-        pairs="results/{experiment}/{sequence}/pairs.parquet",
-        uncertainty="results/{experiment}/{sequence}/uncertainty.parquet",
-        shap="results/{experiment}/{sequence}/shap.parquet",
-        resampled="results/{experiment}/{sequence}/resampled.parquet",
+        **{table: at(paths.OF_SEQUENCE, table=table) for table in TABLES},
     log:
         "logs/explain_sequence/{experiment}/{sequence}.log",
     benchmark:
@@ -23,10 +23,8 @@ rule explain_sequence:
     resources:
         mem_mb=2000,
     params:
-        code=code_digest("explain_sequence"),
-        seed=SETTINGS.seed,
-        levels=lambda wildcards: experiment_of(wildcards).levels,
-        method=lambda wildcards: estimator_of(wildcards).method,
+        plan=lambda wildcards: PLANS.explanation(wildcards.experiment, wildcards.sequence),
+        jobs=lambda wildcards: PLANS.job_digests(wildcards.experiment, wildcards.sequence),
     script:
         "../scripts/explain_sequence.py"
 
@@ -35,19 +33,19 @@ rule join_sequences:
     """Put the sequences of an experiment into one table."""
     input:
         lambda wildcards: [
-            f"results/{wildcards.experiment}/{sequence}/{wildcards.table}.parquet"
+            at(paths.OF_SEQUENCE, **dict(wildcards.items()), sequence=sequence)
             for sequence in experiment_of(wildcards).pairs
         ],
     output:
-        "results/{experiment}/{table}.parquet",
+        paths.OF_EXPERIMENT,
     log:
         "logs/join_sequences/{experiment}/{table}.log",
     benchmark:
         "logs/join_sequences/{experiment}/{table}.tsv"
     wildcard_constraints:
-        table="pairs|uncertainty|shap|resampled",
+        table="|".join(TABLES),
     threads: 1
     params:
-        code=code_digest("join_sequences"),
+        plan=lambda wildcards: PLANS.joined(wildcards.experiment),
     script:
         "../scripts/join_sequences.py"

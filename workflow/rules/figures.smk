@@ -9,28 +9,32 @@ results/{experiment}/{sequence}/figures/scene_{reference}-{source}.{png,svg,txt,
 rule draw_figure:
     """Draw a figure of an experiment, or of one sequence of it."""
     input:
-        "results/{scope}/shap.parquet",
+        shap=at(paths.TABLE, table="shap"),
     output:
         png=report(
-            "results/{scope}/figures/{figure}.png",
+            at(paths.FIGURE, kind="png"),
             caption="../report/figure.rst",
             category="{scope}",
             subcategory="Figures",
             labels={"figure": "{figure}"},
         ),
-        svg="results/{scope}/figures/{figure}.svg",
-        caption="results/{scope}/figures/{figure}.txt",
+        svg=at(paths.FIGURE, kind="svg"),
+        caption=at(paths.FIGURE, kind="txt"),
     log:
         "logs/draw_figure/{scope}/{figure}.log",
     benchmark:
         "logs/draw_figure/{scope}/{figure}.tsv"
     wildcard_constraints:
-        figure="|".join(name for names in FIGURES.values() for name in names),
+        figure="|".join(
+            sorted({name for found in CONFIG.experiments.values() for name in figure_names(found)})
+        )
+        or "(?!)",
     threads: 1
     resources:
         mem_mb=500,
     params:
-        code=code_digest("draw_figure"),
+        code=code_of_experiment("draw_figure"),
+        plugins=plugins_of,
         study=study_of,
     script:
         "../scripts/draw_figure.py"
@@ -39,24 +43,24 @@ rule draw_figure:
 rule draw_scene:
     """Draw the scans and the poses of a pair: a picture and an interactive page."""
     input:
-        reference="resources/{sequence}/scan_{reference}.parquet",
-        source="resources/{sequence}/scan_{source}.parquet",
-        poses="resources/{sequence}/poses.parquet",
-        overlap="resources/{sequence}/overlap/{reference}-{source}.parquet",
-        pairs="results/{experiment}/{sequence}/pairs.parquet",
+        reference=scan_of_pair("reference"),
+        source=scan_of_pair("source"),
+        poses=paths.POSES,
+        overlap=paths.OVERLAP,
+        pairs=at(paths.OF_SEQUENCE, table="pairs"),
         runs=runs_of_scene,
     output:
         png=report(
-            "results/{experiment}/{sequence}/figures/scene_{reference}-{source}.png",
+            at(paths.SCENE, kind="png"),
             caption="../report/figure.rst",
             category="{experiment}",
             subcategory="Scans and poses",
             labels={"sequence": "{sequence}", "pair": "{reference}-{source}"},
         ),
-        svg="results/{experiment}/{sequence}/figures/scene_{reference}-{source}.svg",
-        caption="results/{experiment}/{sequence}/figures/scene_{reference}-{source}.txt",
+        svg=at(paths.SCENE, kind="svg"),
+        caption=at(paths.SCENE, kind="txt"),
         page=report(
-            "results/{experiment}/{sequence}/figures/scene_{reference}-{source}.html",
+            at(paths.SCENE, kind="html"),
             caption="../report/figure.rst",
             category="{experiment}",
             subcategory="Scans and poses",
@@ -70,9 +74,13 @@ rule draw_scene:
     resources:
         mem_mb=1000,
     params:
-        code=code_digest("draw_scene"),
-        perturbation=perturbation_of_scene,
-        seed=SETTINGS.seed,
+        code=code_of_experiment("draw_scene"),
+        plugins=plugins_of,
+        instance=perturbation_of_scene,
+        estimator=lambda wildcards: estimator_of(wildcards).decides(),
+        perturbation=asdict(CONFIG.perturbation),
+        method=method_of,
+        seed=CONFIG.seed,
         study=study_of,
     script:
         "../scripts/draw_scene.py"

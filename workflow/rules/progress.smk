@@ -1,25 +1,30 @@
-"""What a person sees while the workflow runs; see icpshap/progress.py."""
+"""What a person sees while the workflow runs; see icpshap/jobs/progress.py."""
 
 import sys
-from types import SimpleNamespace
 
-from icpshap.jobs import progress
+from snakemake.iocontainers import Wildcards
+
+ESTIMATING = ("run_icp", "estimate_covariances", "estimate_both")
 
 
 def settings_and_runs(wildcards):
-    """ICP settings and runs of a run_icp job."""
-    wildcards = SimpleNamespace(**wildcards)
-    settings = len(jobs_of(wildcards)[int(wildcards.chunk)])
-    return settings, settings * estimator_of(wildcards).runs
+    """Settings and runs of a job that estimates poses."""
+    wildcards = Wildcards(fromdict=wildcards)
+    settings = sum(part.stop - part.start for part in parts_of(wildcards))
+    return settings, settings * estimator_of(wildcards).number_of_runs
 
 
 def planned_settings_and_runs():
-    """ICP settings and runs of all run_icp jobs that are about to run."""
-    jobs = [job for job in workflow.dag.needrun_jobs() if job.rule.name == "run_icp"]
+    """Settings and runs of all jobs that are about to estimate poses."""
+    jobs = [job for job in workflow.dag.needrun_jobs() if job.rule.name in ESTIMATING]
     counts = [settings_and_runs(job.wildcards_dict) for job in jobs]
     return [sum(part) for part in zip(*counts)] or [0, 0]
 
 
-JOB_LINES = progress.Progress(sys.stderr, planned_settings_and_runs, settings_and_runs)
+JOB_LINES = progress.Progress(sys.stderr, planned_settings_and_runs, settings_and_runs, ESTIMATING)
 if workflow.is_main_process:
     progress.replace_job_lines(logger, JOB_LINES, lambda: workflow.dryrun)
+    parents.be_parent()
+    look_at_what_is_there()
+else:
+    parents.be_nobodys()

@@ -1,21 +1,22 @@
-"""From scans to ICP runs.
+"""From scans to pose samples and covariances.
 
 Data and checks go first (priority), so that what can be known to be wrong is said before any ICP.
 
-Outputs: results/{experiment}/{sequence}/pairs/{reference}-{source}.parquet,
-results/{experiment}/{sequence}/runs/{reference}-{source}/{chunk}.parquet
+Outputs: results/{experiment}/{sequence}/pairs/{reference}-{source}.parquet, and, as the experiment's
+estimator returns samples, covariances or both, results/{experiment}/{sequence}/runs/{job}.parquet
+and results/{experiment}/{sequence}/estimates/{job}.parquet
 """
 
 
 rule check_pair:
     """Describe a pair, and stop before it is registered if it cannot be perturbed as asked."""
     input:
-        reference="resources/{sequence}/scan_{reference}.parquet",
-        source="resources/{sequence}/scan_{source}.parquet",
-        poses="resources/{sequence}/poses.parquet",
-        overlap="resources/{sequence}/overlap/{reference}-{source}.parquet",
+        reference=scan_of_pair("reference"),
+        source=scan_of_pair("source"),
+        poses=poses_for(paths.PAIR, plan_of_pair),
+        overlap=paths.OVERLAP,
     output:
-        "results/{experiment}/{sequence}/pairs/{reference}-{source}.parquet",
+        paths.PAIR,
     log:
         "logs/check_pair/{experiment}/{sequence}/{reference}-{source}.log",
     benchmark:
@@ -25,38 +26,54 @@ rule check_pair:
     resources:
         mem_mb=500,
     params:
-        code=code_digest("check_pair"),
-        largest_reduction=lambda wildcards: max(experiment_of(wildcards).levels["partial_overlap"]),
-        minimum_overlap=SETTINGS.perturbation.minimum_overlap,
-        minimum_range=lambda wildcards: estimator_of(wildcards).minimum_range,
+        plan=plan_of_pair,
     script:
         "../scripts/check_pair.py"
 
 
 rule run_icp:
-    """Run ICP for a share of the settings of a pair."""
+    """Run ICP for the settings of a job: a share of a pair, or several pairs of a sequence."""
     input:
-        reference="resources/{sequence}/scan_{reference}.parquet",
-        source="resources/{sequence}/scan_{source}.parquet",
-        poses="resources/{sequence}/poses.parquet",
-        overlap="resources/{sequence}/overlap/{reference}-{source}.parquet",
-        pair="results/{experiment}/{sequence}/pairs/{reference}-{source}.parquet",
+        scans=scans_of_job,
+        poses=poses_of_job,
+        overlaps=overlaps_of_job,
+        pairs=checks_of_job,
     output:
-        "results/{experiment}/{sequence}/runs/{reference}-{source}/{chunk}.parquet",
+        runs=paths.RUNS,
     log:
-        "logs/run_icp/{experiment}/{sequence}/{reference}-{source}/{chunk}.log",
+        "logs/run_icp/{experiment}/{sequence}/{job}.log",
     benchmark:
-        "logs/run_icp/{experiment}/{sequence}/{reference}-{source}/{chunk}.tsv"
+        "logs/run_icp/{experiment}/{sequence}/{job}.tsv"
+    wildcard_constraints:
+        experiment=experiments_that_return(samples=True, covariances=False),
     threads: 1
     resources:
         mem_mb=1500,
     params:
-        code=code_digest("run_icp"),
-        seed=SETTINGS.seed,
-        perturbation=asdict(SETTINGS.perturbation),
-        registration=lambda wildcards: asdict(estimator_of(wildcards).registration),
-        settings=lambda wildcards: [
-            asdict(setting) for setting in jobs_of(wildcards)[int(wildcards.chunk)]
-        ],
+        plan=plan_of_job,
+        scans=scans_of,
     script:
         "../scripts/run_icp.py"
+
+
+use rule run_icp as estimate_covariances with:
+    output:
+        estimates=paths.ESTIMATES,
+    log:
+        "logs/estimate_covariances/{experiment}/{sequence}/{job}.log",
+    benchmark:
+        "logs/estimate_covariances/{experiment}/{sequence}/{job}.tsv"
+    wildcard_constraints:
+        experiment=experiments_that_return(samples=False, covariances=True),
+
+
+use rule run_icp as estimate_both with:
+    output:
+        runs=paths.RUNS,
+        estimates=paths.ESTIMATES,
+    log:
+        "logs/estimate_both/{experiment}/{sequence}/{job}.log",
+    benchmark:
+        "logs/estimate_both/{experiment}/{sequence}/{job}.tsv"
+    wildcard_constraints:
+        experiment=experiments_that_return(samples=True, covariances=True),

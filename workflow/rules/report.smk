@@ -2,7 +2,8 @@
 
 Outputs: results/{scope}/tables/median_shap.{csv,md,tex}, results/{scope}/tables/outlier_rules.csv,
 where {scope} is an experiment or one sequence of it; and, for all that was selected,
-results/comparison/paper.{csv,md,png,svg}, results/provenance.yaml, results/{report.html,summary.txt}
+results/comparison/paper.{csv,md,png,svg}, results/provenance.yaml, results/{report.html,summary.txt},
+results/checksums.sha256
 """
 
 
@@ -12,20 +13,20 @@ report: "../report/workflow.rst"
 rule median_table:
     """Rank the uncertainty sources of each sequence, beside the paper's Table 1."""
     input:
-        shap="results/{scope}/shap.parquet",
-        resampled="results/{scope}/resampled.parquet",
+        shap=at(paths.TABLE, table="shap"),
+        resampled=at(paths.TABLE, table="resampled"),
         paper=f"{workflow.basedir}/reference/table1.csv",
     output:
         md=report(
-            "results/{scope}/tables/median_shap.md",
+            at(paths.MEDIANS, kind="md"),
             caption="../report/median_table.rst",
             category="{scope}",
             subcategory="Tables",
             labels={"table": "median Shapley values"},
         ),
-        csv="results/{scope}/tables/median_shap.csv",
-        tex="results/{scope}/tables/median_shap.tex",
-        rules="results/{scope}/tables/outlier_rules.csv",
+        csv=at(paths.MEDIANS, kind="csv"),
+        tex=at(paths.MEDIANS, kind="tex"),
+        rules=paths.OUTLIER_RULES,
     log:
         "logs/median_table/{scope}.log",
     benchmark:
@@ -34,9 +35,10 @@ rule median_table:
     resources:
         mem_mb=1000,
     params:
-        code=code_digest("median_table"),
+        code=code_of_experiment("median_table"),
+        plugins=plugins_of,
         study=study_of,
-        seed=SETTINGS.seed,
+        seed=CONFIG.seed,
     script:
         "../scripts/median_table.py"
 
@@ -44,19 +46,19 @@ rule median_table:
 rule compare_with_paper:
     """Set the results of every estimator that was run against the paper's."""
     input:
-        files_of(compared_sections(), "shap"),
+        sections=files_of(compared_sections(), "shap"),
         figures=f"{workflow.basedir}/reference/figures.csv",
     output:
         png=report(
-            "results/comparison/paper.png",
+            at(paths.COMPARISON, kind="png"),
             caption="../report/figure.rst",
             category="Against the paper",
             labels={"figure": "ours against the paper"},
         ),
-        svg="results/comparison/paper.svg",
-        caption="results/comparison/paper.txt",
-        csv="results/comparison/paper.csv",
-        md="results/comparison/paper.md",
+        svg=at(paths.COMPARISON, kind="svg"),
+        caption=at(paths.COMPARISON, kind="txt"),
+        csv=at(paths.COMPARISON, kind="csv"),
+        md=at(paths.COMPARISON, kind="md"),
     log:
         "logs/compare_with_paper/paper.log",
     benchmark:
@@ -65,7 +67,7 @@ rule compare_with_paper:
     resources:
         mem_mb=500,
     params:
-        code=code_digest("compare_with_paper"),
+        code=code("compare_with_paper"),
         sections=compared_sections(),
         titles=titles(),
     script:
@@ -77,18 +79,19 @@ rule provenance:
     input:
         files_of(sections(), "uncertainty", "shap", "pairs"),
     output:
-        "results/provenance.yaml",
+        paths.PROVENANCE,
     log:
         "logs/provenance/provenance.log",
     threads: 1
     resources:
         mem_mb=500,
     params:
-        code=code_digest("provenance"),
+        code=code("provenance"),
         config=config,
-        commit=record.commit(workflow.basedir),
+        commit=commit(workflow.basedir),
         root=workflow.basedir,
-        sequences={key: SETTINGS.data[key].kind for key in SETTINGS.sequences},
+        logs=paths.LOGS,
+        sequences={key: CONFIG.data[key].kind for key in CONFIG.sequences},
     script:
         "../scripts/provenance.py"
 
@@ -98,19 +101,17 @@ rule report:
     input:
         files_of(sections(), "shap", "uncertainty", "pairs"),
         # Both or none: where no selected sequence is of the paper, there is nothing to compare.
-        compared=[
-            f"results/comparison/paper.{kind}" for kind in ("csv", "svg") if compared_sections()
-        ],
-        provenance="results/provenance.yaml",
+        compared=[at(paths.COMPARISON, kind=kind) for kind in ("csv", "svg") if compared_sections()],
+        provenance=paths.PROVENANCE,
         template=f"{workflow.basedir}/icpshap/report/page.html",
     output:
         page=report(
-            "results/report.html",
+            paths.REPORT,
             caption="../report/report.rst",
             category="Report",
             labels={"page": "the report on one page"},
         ),
-        summary="results/summary.txt",
+        summary=paths.SUMMARY,
     log:
         "logs/report/report.log",
     benchmark:
@@ -119,8 +120,25 @@ rule report:
     resources:
         mem_mb=500,
     params:
-        code=code_digest("report"),
+        code=code("report"),
         sections=sections(),
         titles=titles(),
     script:
         "../scripts/report.py"
+
+
+rule checksums:
+    """Checksums of all that the selected experiments made: sha256sum -c, years later."""
+    input:
+        targets(),
+    output:
+        paths.CHECKSUMS,
+    log:
+        "logs/checksums/checksums.log",
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        code=code("checksums"),
+    script:
+        "../scripts/checksums.py"

@@ -3,26 +3,29 @@
 import pandas as pd
 
 from icpshap import tables
-from icpshap.data import checks
-from icpshap.data.pair import read_pair
-from icpshap.jobs.logs import job_log
+from icpshap.causes import CAUSES
+from icpshap.data.pair import describe_pair, read_pair
+from icpshap.jobs import digests
+from icpshap.jobs.job import job
 
 
-def check_pair(paths, output, sequence, indices, **limits):
-    pair = read_pair(paths.reference, paths.source, paths.poses, paths.overlap, indices)
-    row = checks.describe_pair(pair, sequence, indices, **limits)
-    tables.write(output, pd.DataFrame([row]), "pairs")
+def check_pair(paths, output, plan, terminal):
+    indices = tuple(plan["pair"])
+    row = describe_pair(
+        read_pair(paths.reference, paths.source, paths.poses, paths.overlap, indices),
+        plan["sequence"],
+        indices,
+        levels=[(CAUSES[name](**options), level) for name, options, level in plan["levels"]],
+        minimum_overlap=plan["minimum_overlap"],
+        minimum_range=plan["minimum_range"],
+    )
+    for remark in filter(None, (row["reason"], row["warning"])):
+        reference, source = indices
+        print(f"{plan['sequence']} {reference}-{source}: {remark}", file=terminal)
+    data = digests.data_digests(paths.reference, paths.source)
+    tables.write(output, pd.DataFrame([row]), "pairs", plan, data=data)
 
 
 if __name__ == "__main__":
-    with job_log(snakemake.log[0]):
-        wildcards, params = snakemake.wildcards, snakemake.params
-        check_pair(
-            snakemake.input,
-            snakemake.output[0],
-            wildcards.sequence,
-            (int(wildcards.reference), int(wildcards.source)),
-            largest_reduction=params.largest_reduction,
-            minimum_overlap=params.minimum_overlap,
-            minimum_range=params.minimum_range,
-        )
+    with job(snakemake, __file__) as terminal:
+        check_pair(snakemake.input, snakemake.output[0], snakemake.params.plan, terminal)

@@ -3,22 +3,22 @@
 from pathlib import Path
 
 from icpshap import tables
-from icpshap.jobs.logs import job_log
+from icpshap.jobs.job import job
 from icpshap.report import figures
-from icpshap.report.captions import Study
 from icpshap.report.figures.style import save
+from icpshap.report.study import Study
 
 
-def draw_figure(path, output, name, study):
-    figure, caption = figures.draw(name, tables.read(path, "shap"), Study(**study))
+def draw_figure(paths, output, name, study):
+    figure, caption = figures.draw(name, tables.read(paths.shap, "shap"), Study(**study))
     save(figure, output.png, output.svg)
-    Path(output.caption).write_text(caption + "\n")
+    Path(output.caption).write_text(caption + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    with job_log(snakemake.log[0]):
+    with job(snakemake, __file__):
         draw_figure(
-            snakemake.input[0],
+            snakemake.input,
             snakemake.output,
             snakemake.wildcards.figure,
             snakemake.params.study,

@@ -2,41 +2,50 @@
 
 from pathlib import Path
 
-import pandas as pd
-
 from icpshap import tables
 from icpshap.data.pair import read_pair
-from icpshap.estimators import perturb as perturbation
-from icpshap.jobs.logs import job_log
-from icpshap.report.captions import Study
+from icpshap.estimators import Estimator
+from icpshap.estimators.perturb import Draws, Perturbation, Streams
+from icpshap.explanation.method import Method
+from icpshap.jobs.job import job
+from icpshap.plan import Setting
 from icpshap.report.figures import scene
 from icpshap.report.figures.style import save
+from icpshap.report.study import Study
 
 
-def draw_scene(paths, output, sequence, indices, values, seed, study):
+def draw_scene(paths, output, sequence, indices, params):
     pairs = tables.read(paths.pairs, "pairs")
     row = next(pairs[(pairs.reference == indices[0]) & (pairs.source == indices[1])].itertuples())
-    shown = scene.make_scene(
-        read_pair(paths.reference, paths.source, paths.poses, paths.overlap, indices),
-        pd.concat([tables.read(path, "runs") for path in paths.runs], ignore_index=True),
-        values,
-        perturbation.Streams(seed, sequence, *indices),
+    pair = read_pair(paths.reference, paths.source, paths.poses, paths.overlap, indices)
+    runs = tables.read_all(paths.runs, "runs") if paths.runs else None
+    if runs is not None:
+        runs = runs[(runs.reference == indices[0]) & (runs.source == indices[1])]
+    draws = Draws(
+        pair,
+        Estimator.decided(params.estimator),
+        Perturbation(**params.perturbation).deviation,
+        Streams(params.seed, sequence, *indices),
     )
+    # Of a pair that is not registered nothing was removed, and perhaps nothing can be.
+    setting = Setting.at(params.instance if row.registered else {})
+    kept = (draws.kept(setting, scan, 0) for scan in ("reference", "source"))
+    shown = scene.make_scene(pair, *kept, runs, params.instance, Method(**params.method))
+    study = Study(**params.study)
     save(scene.picture(shown), output.png, output.svg)
-    Path(output.caption).write_text(scene.caption(shown, study, row) + "\n")
+    caption = scene.caption(shown, study, row)
+    Path(output.caption).write_text(caption + "\n", encoding="utf-8")
     text = scene.page_caption(shown, study, row)
-    Path(output.page).write_text(scene.page(shown, study.pair(row), text))
+    Path(output.page).write_text(scene.page(shown, study.pair(row), text), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    with job_log(snakemake.log[0]):
+    with job(snakemake, __file__):
         wildcards = snakemake.wildcards
         draw_scene(
             snakemake.input,
             snakemake.output,
             wildcards.sequence,
             (int(wildcards.reference), int(wildcards.source)),
-            snakemake.params.perturbation,
-            snakemake.params.seed,
-            Study(**snakemake.params.study),
+            snakemake.params,
         )

@@ -3,41 +3,47 @@
 import pandas as pd
 
 from icpshap import plan, tables
-from icpshap.causes import NAMES, SOURCES
-from icpshap.explanation import games as explanation
-from icpshap.jobs.logs import job_log
+from icpshap.estimators.kind import Returns
+from icpshap.explanation import games
+from icpshap.explanation.method import Method
+from icpshap.jobs import plans
+from icpshap.jobs.job import job
 
 
-def explain_sequence(paths, output, sequence, levels, method, seed):
-    sources = {source.name: source.off for source in SOURCES}
-    instances = pd.DataFrame(plan.instances(levels), columns=NAMES)
+def explain_sequence(paths, output, planned, jobs):
+    causes = list(planned["off"])
+    instances = pd.DataFrame(plan.instances(planned["levels"]), columns=causes)
     instances = instances.rename_axis("instance").reset_index()
-    pairs = pd.concat([tables.read(path, "pairs") for path in paths.pairs], ignore_index=True)
+    method = Method(**planned["method"], seed=planned["seed"])
+    pairs = tables.read_all(paths.pairs, "pairs")
+    for files in filter(None, (paths.runs, paths.estimates)):
+        plans.check_estimates(files, jobs, planned, paths.pairs)
+    runs, estimates = (of_pairs(paths[name], name) for name in ("runs", "estimates"))
     made = {"pairs": [pairs], "uncertainty": [], "shap": []}
-    made["resampled"] = [tables.empty("resampled")]
+    made["resampled"] = [tables.empty("resampled", causes)]
     for pair in pairs.itertuples():
-        chunks = [path for path in paths.runs if f"/{pair.reference}-{pair.source}/" in path]
-        runs = pd.concat([tables.read(path, "runs") for path in chunks], ignore_index=True)
-        indices = (sequence, pair.reference, pair.source)
-        arguments = (runs, instances, sources, explanation.Method(**method, seed=seed), indices)
-        uncertainty, shap = explanation.explain(*arguments, pair.reason)
+        indices = (pair.reference, pair.source)
+        returned = (runs.get(indices), estimates.get(indices))
+        read_by = (planned["off"], Returns(**planned["returns"]), method)
+        arguments = (*returned, instances, *read_by, (planned["sequence"], *indices))
+        uncertainty, shap = games.explain(*arguments, pair.reason)
         made["uncertainty"].append(uncertainty)
         made["shap"].append(shap)
         if pair.registered:
-            made["resampled"].append(explanation.resampled_values(*arguments))
-    registration = tables.read_metadata(paths.runs[0])["registration"]
-    decided_by = {"seed": seed, "method": method, "registration": registration}
+            made["resampled"].append(games.resampled_values(*arguments))
     for table, frames in made.items():
-        tables.write(output[table], pd.concat(frames, ignore_index=True), table, decided_by)
+        frame = pd.concat(frames, ignore_index=True)
+        tables.write(output[table], frame, table, planned, causes)
+
+
+def of_pairs(paths, table):
+    """The rows of a table by pair (reference, source)."""
+    if not paths:
+        return {}
+    return dict(list(tables.read_all(paths, table).groupby(["reference", "source"])))
 
 
 if __name__ == "__main__":
-    with job_log(snakemake.log[0]):
-        explain_sequence(
-            snakemake.input,
-            snakemake.output,
-            snakemake.wildcards.sequence,
-            snakemake.params.levels,
-            snakemake.params.method,
-            snakemake.params.seed,
-        )
+    with job(snakemake, __file__):
+        params = snakemake.params
+        explain_sequence(snakemake.input, snakemake.output, params.plan, params.jobs)

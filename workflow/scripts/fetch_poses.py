@@ -3,25 +3,30 @@
 from pathlib import Path
 
 from icpshap import tables
-from icpshap.data import scans as dataset
 from icpshap.data.archive import open_sequence
-from icpshap.jobs.logs import job_log
+from icpshap.data.layout import LEICA_NAME
+from icpshap.data.poses import read_poses
+from icpshap.jobs.job import job
 
 
-def fetch_poses(archive, cache, output, scans, terminal):
-    file = Path(cache) / dataset.LEICA_NAME
+def fetch_poses(archive, cache, output, scans, plan, terminal):
+    file = Path(cache) / LEICA_NAME
     with open_sequence(archive, cache, scans, terminal) as members:
         members.extract_poses(file)
-    tables.write(output, tables.poses_frame(dataset.read_poses(file, scans)), "poses")
-    file.unlink()
+    try:
+        poses = read_poses(file, scans)
+    finally:
+        file.unlink()
+    tables.write(output, tables.poses_frame(poses), "poses", plan)
 
 
 if __name__ == "__main__":
-    with job_log(snakemake.log[0]) as terminal:
+    with job(snakemake, __file__) as terminal:
         fetch_poses(
             snakemake.params.archive,
             snakemake.params.cache,
             snakemake.output[0],
             snakemake.params.scans,
+            snakemake.params.plan,
             terminal,
         )

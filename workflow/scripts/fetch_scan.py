@@ -4,9 +4,10 @@ import logging
 from pathlib import Path
 
 from icpshap import tables
-from icpshap.data import scans as dataset
 from icpshap.data.archive import open_sequence
-from icpshap.jobs.logs import job_log
+from icpshap.data.scans import read_scan
+from icpshap.errors import DataError
+from icpshap.jobs.job import job
 
 AS_ARCHIVED = (
     "the archive holds it so. Rows that are not finite are accepted with `drop_non_finite: true`;"
@@ -15,31 +16,31 @@ AS_ARCHIVED = (
 )
 
 
-def fetch_scan(archive, cache, output, index, scans, drop_non_finite, terminal):
+def fetch_scan(archive, cache, output, scans, plan, terminal):
+    index = plan["index"]
     file = Path(cache) / f"scan_{index}.csv"
     with open_sequence(archive, cache, scans, terminal) as members:
         members.extract_scan(index, file)
     where = f"{archive.get('path') or archive['url']}, Hokuyo_{index}.csv"
     try:
-        points, dropped = dataset.read_scan(file, drop_non_finite)
-    except dataset.DataError as error:
+        points, dropped = read_scan(file, plan["drop_non_finite"])
+    except DataError as error:
         # The extracted file is no place to mend anything: the next run extracts it again.
         problem = str(error).partition("\nHint: ")[0].replace(str(file), where)
-        raise dataset.DataError(problem, AS_ARCHIVED) from None
+        raise DataError(problem, AS_ARCHIVED) from None
     finally:
         file.unlink()
     logging.info("%s: %d points, %d rows that are not finite dropped", where, len(points), dropped)
-    tables.write(output, tables.points_frame(points), "scan", {"dropped_rows": dropped})
+    tables.write(output, tables.points_frame(points), "scan", plan, dropped_rows=dropped)
 
 
 if __name__ == "__main__":
-    with job_log(snakemake.log[0]) as terminal:
+    with job(snakemake, __file__) as terminal:
         fetch_scan(
             snakemake.params.archive,
             snakemake.params.cache,
             snakemake.output[0],
-            int(snakemake.wildcards.index),
-            snakemake.params.scans,
-            snakemake.params.drop_non_finite,
+            len(tables.read_poses(snakemake.input.poses)),
+            snakemake.params.plan,
             terminal,
         )

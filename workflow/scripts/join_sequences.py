@@ -1,16 +1,18 @@
 """Put the sequences of an experiment into one table."""
 
-import pandas as pd
-
 from icpshap import tables
-from icpshap.jobs.logs import job_log
+from icpshap.jobs import plans
+from icpshap.jobs.job import job
 
 
-def join_sequences(paths, output, table):
-    frames = [tables.read(path, table) for path in paths]
-    tables.write(output, pd.concat(frames, ignore_index=True), table)
+def join_sequences(paths, output, table, plan):
+    for path, (_, planned) in zip(paths, plan["sequences"], strict=True):
+        plans.check(path, planned)
+    tables.write(output, tables.read_all(paths, table), table, plan, plan["causes"])
 
 
 if __name__ == "__main__":
-    with job_log(snakemake.log[0]):
-        join_sequences(snakemake.input, snakemake.output[0], snakemake.wildcards.table)
+    with job(snakemake, __file__):
+        params = snakemake.params
+        table = snakemake.wildcards.table
+        join_sequences(snakemake.input, snakemake.output[0], table, params.plan)

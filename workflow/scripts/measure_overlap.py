@@ -3,27 +3,20 @@
 import pandas as pd
 
 from icpshap import tables
-from icpshap.data.pair import relative_pose
-from icpshap.estimators import perturb as perturbation
-from icpshap.jobs.logs import job_log
+from icpshap.data.pair import Pair, relative_pose
+from icpshap.jobs.job import job
 
 
-def measure_overlap(reference, source, poses, output, indices, distance):
-    reference, source = tables.read_points(reference), tables.read_points(source)
-    T_reference_source = relative_pose(tables.read_poses(poses), *indices)
-    distances = perturbation.nearest_distances(reference, source, T_reference_source)
-    overlapping = distances <= distance
-    ratio = overlapping.sum() / len(reference)
-    tables.write(output, pd.DataFrame({"overlapping": overlapping}), "overlap", {"overlap": ratio})
+def measure_overlap(paths, output, indices, plan):
+    reference, source = tables.read_points(paths.reference), tables.read_points(paths.source)
+    T_reference_source = relative_pose(tables.read_poses(paths.poses), *indices)
+    pair = Pair.measured(reference, source, T_reference_source, plan["distance"])
+    frame = pd.DataFrame({"overlapping": pair.overlapping})
+    tables.write(output, frame, "overlap", plan, overlap=pair.overlap)
 
 
 if __name__ == "__main__":
-    with job_log(snakemake.log[0]):
-        measure_overlap(
-            snakemake.input.reference,
-            snakemake.input.source,
-            snakemake.input.poses,
-            snakemake.output[0],
-            (int(snakemake.wildcards.reference), int(snakemake.wildcards.source)),
-            snakemake.params.distance,
-        )
+    with job(snakemake, __file__):
+        wildcards = snakemake.wildcards
+        indices = (int(wildcards.reference), int(wildcards.source))
+        measure_overlap(snakemake.input, snakemake.output[0], indices, snakemake.params.plan)

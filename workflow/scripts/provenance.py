@@ -4,20 +4,22 @@ from pathlib import Path
 
 import yaml
 
-from icpshap.jobs import provenance as record
-from icpshap.jobs.logs import job_log
+from icpshap.jobs import provenance
+from icpshap.jobs.job import job
 
 
-def provenance(output, config, sequences, root):
-    made_with = record.provenance(config, sequences, root, "logs")
-    Path(output).write_text(yaml.safe_dump(made_with, sort_keys=False, allow_unicode=True))
+def write_provenance(output, config, sequences, root, logs):
+    made_with = provenance.provenance(config, sequences, root, logs)
+    text = yaml.safe_dump(made_with, sort_keys=False, allow_unicode=True)
+    Path(output).write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
-    with job_log(snakemake.log[0]):
-        provenance(
+    with job(snakemake, __file__):
+        write_provenance(
             snakemake.output[0],
             snakemake.config,
             snakemake.params.sequences,
             snakemake.params.root,
+            snakemake.params.logs,
         )

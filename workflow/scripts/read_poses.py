@@ -1,14 +1,15 @@
 """Read the poses of a folder."""
 
 from icpshap import tables
-from icpshap.data import scans as dataset
-from icpshap.jobs.logs import job_log
+from icpshap.data import poses
+from icpshap.jobs.job import job
 
 
-def read_poses(path, output, scans):
-    tables.write(output, tables.poses_frame(dataset.read_poses(path, scans)), "poses")
+def read_poses(path, output, scans, plan):
+    tables.write(output, tables.poses_frame(poses.read_poses(path, scans)), "poses", plan)
 
 
 if __name__ == "__main__":
-    with job_log(snakemake.log[0]):
-        read_poses(snakemake.input[0], snakemake.output[0], snakemake.params.scans)
+    with job(snakemake, __file__):
+        params = snakemake.params
+        read_poses(snakemake.input[0], snakemake.output[0], params.scans, params.plan)

@@ -6,43 +6,46 @@ import pandas as pd
 import yaml
 
 from icpshap import tables
-from icpshap.jobs.logs import job_log
-from icpshap.report import comparison
-from icpshap.report import page as report
-from icpshap.report.captions import Study
+from icpshap.jobs.job import job
+from icpshap.report import comparison, page
+from icpshap.report.study import Study
 
 
-def section(scope, study, figures, rankings):
-    folder = f"results/{scope}"
-    return report.Section(
+def section(scope, study, shap, uncertainty, pairs, figures, rankings):
+    ranking = None
+    if rankings:
+        ranking = pd.read_csv(rankings[0], keep_default_na=False, na_values=[""])
+    return page.Section(
         scope,
         Study(**study),
-        tables.read(f"{folder}/shap.parquet", "shap"),
-        tables.read(f"{folder}/pairs.parquet", "pairs"),
-        pd.read_csv(rankings[0], keep_default_na=False, na_values=[""]) if rankings else None,
+        tables.read(shap, "shap"),
+        tables.read(pairs, "pairs"),
+        ranking,
         figures,
-        [f"{folder}/{name}.parquet" for name in ("shap", "uncertainty", "pairs")] + rankings,
+        [shap, uncertainty, pairs, *rankings],
     )
 
 
 def make_report(output, sections, provenance, compared, titles):
     sections = [section(**part) for part in sections]
-    run = yaml.safe_load(Path(provenance).read_text())
+    run = yaml.safe_load(Path(provenance).read_text(encoding="utf-8"))
     against = None
     if compared:
         csv, svg = compared
         table = pd.read_csv(csv)
         against = (svg, comparison.caption(table), comparison.html(table, titles))
-    Path(output.page).write_text(report.page(sections, run, "results", against))
-    Path(output.summary).write_text(report.summary(sections, output.page))
+    text = page.page(sections, run, Path(output.page).parent, against)
+    Path(output.page).write_text(text, encoding="utf-8")
+    Path(output.summary).write_text(page.summary(sections, output.page), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    with job_log(snakemake.log[0]):
+    with job(snakemake, __file__):
+        params = snakemake.params
         make_report(
             snakemake.output,
-            snakemake.params.sections,
+            params.sections,
             snakemake.input.provenance,
             snakemake.input.compared,
-            snakemake.params.titles,
+            params.titles,
         )

@@ -1,35 +1,53 @@
-"""Run ICP for a share of the settings of a pair."""
+"""Estimate the poses of a job's settings: pose samples, covariances, or both."""
 
-from icpshap import tables
+import numpy as np
+import pandas as pd
+
+from icpshap import estimators, plan, tables
 from icpshap.data.pair import read_pair
-from icpshap.estimators import monte_carlo as estimators
-from icpshap.estimators import perturb as perturbation
-from icpshap.jobs import digests as provenance
-from icpshap.jobs.logs import job_log
-from icpshap.parameters import Perturbation, Registration
-from icpshap.plan import Setting
+from icpshap.estimators.perturb import Streams
+from icpshap.jobs import digests
+from icpshap.jobs.job import job
 
 
-def run_icp(paths, output, sequence, indices, params):
-    files = ("reference", "source", "poses")
-    decided_by = {name: provenance.file_digest(paths[name]) for name in files}
-    for name in ("seed", "registration", "perturbation", "code"):
-        decided_by[name] = params[name]
-    if not tables.read(paths.pair, "pairs")["registered"].item():
-        tables.write(output, tables.empty("runs"), "runs", decided_by)
-        return
-    runs = estimators.register_settings(
-        read_pair(paths.reference, paths.source, paths.poses, paths.overlap, indices),
-        [Setting(**{**setting, "values": tuple(setting["values"])}) for setting in params.settings],
-        Registration(**params.registration),
-        Perturbation(**params.perturbation),
-        perturbation.Streams(params.seed, sequence, *indices),
+def run_icp(paths, outputs, planned, scans):
+    found = {table: [] for table in outputs}
+    points = dict(zip(scans, paths.scans, strict=True))
+    registered = []
+    for part, overlap, pair in zip(planned["parts"], paths.overlaps, paths.pairs, strict=True):
+        part = plan.Part(tuple(part[0]), *part[1:])
+        if tables.read(pair, "pairs")["registered"].item():
+            clouds = [points[index] for index in part.pair]
+            of_pair = read_pair(*clouds, paths.poses, overlap, part.pair)
+            for table, frame in estimate(of_pair, part, planned).items():
+                found[table].append(frame)
+            registered.append(part.pair)
+    about = {"data": digests.data_digests(*paths.scans), "registered": registered}
+    causes = list(planned["levels"])
+    for table, output in outputs.items():
+        frame = pd.concat(found[table]) if registered else tables.empty(table, causes)
+        tables.write(output, frame, table, planned, causes, **about)
+
+
+def estimate(pair, part, planned):
+    """The tables of one pair by name."""
+    settings = plan.settings(planned["levels"], planned["replicates"])[part.start : part.stop]
+    runs, estimates = estimators.estimate(
+        pair,
+        settings,
+        estimators.Estimator.decided(planned["estimator"]),
+        np.array(planned["deviation"]),
+        Streams(planned["seed"], planned["sequence"], *part.pair),
     )
-    tables.write(output, runs, "runs", decided_by)
+    reference, source = part.pair
+    return {
+        name: table.assign(reference=reference, source=source)
+        for name, table in (("runs", runs), ("estimates", estimates))
+        if table is not None
+    }
 
 
 if __name__ == "__main__":
-    with job_log(snakemake.log[0]):
-        wildcards = snakemake.wildcards
-        indices = (int(wildcards.reference), int(wildcards.source))
-        run_icp(snakemake.input, snakemake.output[0], wildcards.sequence, indices, snakemake.params)
+    with job(snakemake, __file__):
+        outputs, params = dict(snakemake.output.items()), snakemake.params
+        run_icp(snakemake.input, outputs, params.plan, params.scans)

@@ -1,0 +1,38 @@
+"""Where the workflow's files lie: every path stands here, once.
+
+`{scope}` is an experiment, or one sequence of it: `{experiment}/{sequence}`.
+"""
+
+RESOURCE = "resources/{sequence}/{part}.parquet"
+ARCHIVE_CACHE = "resources/{sequence}/archive"
+SCAN = RESOURCE.replace("{part}", "scan_{index}")
+POSES = RESOURCE.replace("{part}", "poses")
+OVERLAP = "resources/{sequence}/overlap/{reference}-{source}.parquet"
+
+PAIR = "results/{experiment}/{sequence}/pairs/{reference}-{source}.parquet"
+RUNS = "results/{experiment}/{sequence}/runs/{job}.parquet"
+ESTIMATES = "results/{experiment}/{sequence}/estimates/{job}.parquet"
+OF_SEQUENCE = "results/{experiment}/{sequence}/{table}.parquet"
+OF_EXPERIMENT = "results/{experiment}/{table}.parquet"
+TABLE = "results/{scope}/{table}.parquet"
+"""Tables of an explanation, in the folder of a sequence and joined in that of the experiment."""
+
+FIGURE = "results/{scope}/figures/{figure}.{kind}"
+SCENE = "results/{experiment}/{sequence}/figures/scene_{reference}-{source}.{kind}"
+MEDIANS = "results/{scope}/tables/median_shap.{kind}"
+OUTLIER_RULES = "results/{scope}/tables/outlier_rules.csv"
+COMPARISON = "results/comparison/paper.{kind}"
+
+REPORT = "results/report.html"
+SUMMARY = "results/summary.txt"
+PROVENANCE = "results/provenance.yaml"
+CHECKSUMS = "results/checksums.sha256"
+
+LOGS = "logs"
+
+
+def at(template, **values):
+    """A template with some of its wildcards filled in; the others stay."""
+    for name, value in values.items():
+        template = template.replace(f"{{{name}}}", str(value))
+    return template

@@ -1,0 +1,256 @@
+"""What decides each file: a mapping that the rule plans by, the file carries and its reader checks.
+
+A plan holds configuration, the digest of the code and of the versions that compute, and the digests
+of the plans of what the file is made from. Files from outside enter by size and time stamp, since a
+time stamp alone misses an older file in the place of a newer. A plan is a rule's parameter, so that
+the workflow runs again what has another; it is in the file's metadata, so that a file of another
+plan is known when everything else is lost.
+"""
+
+import os
+import platform
+from dataclasses import asdict
+from functools import cache
+from importlib import metadata
+
+from icpshap import options, plan, storage
+from icpshap.errors import UserError
+from icpshap.jobs import digests
+from icpshap.tables import TableError
+
+COMPUTING = ("numba", "numpy", "pandas", "pyarrow", "scipy")
+
+
+@cache
+def versions():
+    """The versions that decide numbers, and the architecture; the processor is only recorded."""
+    found = {name: metadata.version(name) for name in COMPUTING}
+    return {**found, "machine": platform.machine()}
+
+
+def stamp(path):
+    """A file from outside as far as it is known without reading it; None if it is not there."""
+    try:
+        status = os.stat(path)
+    except OSError:
+        return {"path": str(path), "size": None}
+    return {"path": str(path), "size": status.st_size, "mtime_ns": status.st_mtime_ns}
+
+
+def digest(plan):
+    """Short digest of a plan, by which two are compared."""
+    return storage.digest_of(plan)
+
+
+def is_settled(path, plan):
+    """Whether a file is there and was made by this plan."""
+    try:
+        return digest(storage.read_about(path).get("plan", {})) == digest(plan)
+    except UserError:
+        return False
+
+
+def check(path, planned):
+    """Raise TableError unless a file was made by the plan of this digest."""
+    if digest(storage.read_about(path).get("plan", {})) != planned:
+        raise TableError(
+            f"{path}: made by another plan.\nHint: remove the file; the workflow makes it again."
+        )
+
+
+def check_estimates(files, jobs, planned, pairs):
+    """Raise TableError unless files of runs or estimates are those of an explanation's plan.
+
+    files: in the order of the jobs; jobs: digests of their plans; planned: the plan of the
+    explanation; pairs: files of the pairs of the sequence, whose data they must be made from.
+    """
+    of_pairs = [storage.read_about(path) for path in pairs]
+    data = {name: found for about in of_pairs for name, found in about["data"].items()}
+    for path, expected in zip(files, jobs, strict=True):
+        about = storage.read_about(path)
+        found = about.get("plan", {})
+        if digest(found) != expected:
+            common = {key: planned[key] for key in ("sequence", "seed", "levels")}
+            known = difference({key: found.get(key) for key in common}, common)
+            raise TableError(
+                f"{path}: made by another plan than the one that explains it"
+                f"{f' ({known})' if known else ''}.\n"
+                "Hint: remove the file; the workflow makes it again."
+            )
+        for name, made_from in about["data"].items():
+            if data.get(name) != made_from:
+                raise TableError(
+                    f"{path}: made from another {name} than the pairs it holds.\n"
+                    "Hint: remove the file; the workflow makes it again."
+                )
+
+
+def difference(found, planned):
+    """What differs between two plans, in words."""
+    keys = [
+        key
+        for key in sorted({*found, *planned})
+        if digest(found.get(key)) != digest(planned.get(key))
+    ]
+    return "; ".join(
+        f"{key} {_short(found.get(key))}, planned {_short(planned.get(key))}" for key in keys
+    )
+
+
+def _short(value):
+    text = str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+class Plans:
+    """The plans of all files of a configuration.
+
+    config: a config.Config; files: scan files and pose file of each folder, by sequence; code:
+    function from the name of a script and the plug-ins that it meets to a digest.
+    """
+
+    def __init__(self, config, files, code):
+        self.config = config
+        self.files = files
+        self.code = code
+        self.pair = cache(self._pair)
+        self.job = cache(self._job)
+        self.jobs = cache(self._jobs)
+
+    def estimator(self, experiment):
+        """The estimator of an experiment, with the causes that it names."""
+        found = self.config.experiments[experiment]
+        return self.config.estimators[found.estimator].estimator.of_causes(found.causes)
+
+    def scan(self, sequence, index):
+        known = self.config.data[sequence]
+        read = {"drop_non_finite": known.drop_non_finite}
+        if known.kind == "archive":
+            return {**self._archive(known), **read, "index": index}
+        if known.kind == "folder":
+            return {**self._file(self.files[sequence][0][index]), **read}
+        return {**self._simulated(known), "index": index}
+
+    def poses(self, sequence):
+        """That of all poses; how many scans there are decides none of them."""
+        known = self.config.data[sequence]
+        if known.kind == "archive":
+            return self._archive(known)
+        if known.kind == "folder":
+            return {**stamp(self.files[sequence][1]), "code": self.code("read_poses")}
+        return self._simulated(known)
+
+    def _file(self, path):
+        """Of the scan formats only its own counts."""
+        names = {"format": path.suffix.lower()}
+        code = self.code("read_scan", *digests.plugins(names))
+        return {**stamp(path), "plugins": names, "code": code}
+
+    def _archive(self, known):
+        """An archive is fetched by name, or read where it lies; the code is no reason to again."""
+        if known.archive.get("path"):
+            return stamp(known.archive["path"])
+        return dict(known.archive)
+
+    def _simulated(self, known):
+        code = self.code("simulate_sequence")
+        return {**known.simulated, "seed": self.config.seed, "code": code}
+
+    def overlap(self, sequence, pair):
+        return {
+            "scans": [digest(self.scan(sequence, index)) for index in pair],
+            "poses": digest(self.poses(sequence)),
+            "distance": self.config.perturbation.overlap_distance,
+            "code": self.code("measure_overlap"),
+            "versions": versions(),
+        }
+
+    def _pair(self, experiment, sequence, pair):
+        found = self.config.experiments[experiment]
+        estimator = self.estimator(experiment)
+        levels = [
+            (name, options.values(cause), max(found.levels[name]))
+            for name, cause in estimator.causes.items()
+            if name in found.levels
+        ]
+        return {
+            "sequence": sequence,
+            "pair": list(pair),
+            "overlap": digest(self.overlap(sequence, pair)),
+            "levels": levels,
+            "plugins": digests.plugin_names(estimator),
+            "minimum_overlap": self.config.perturbation.minimum_overlap,
+            "minimum_range": estimator.perturbing.minimum_range,
+            "code": self.code("check_pair", *estimator.plugins),
+        }
+
+    def _jobs(self, experiment, sequence):
+        """The parts of each job of a sequence."""
+        found = self.config.experiments[experiment]
+        return plan.jobs(
+            found.pairs[sequence],
+            found.levels,
+            found.replicates,
+            self.estimator(experiment).number_of_runs,
+            self.config.runs_per_job,
+        )
+
+    def _job(self, experiment, sequence, job):
+        parts = self.jobs(experiment, sequence)[job]
+        return {
+            **self._estimation(experiment, sequence),
+            "pairs": [digest(self.overlap(sequence, part.pair)) for part in parts],
+            "parts": [list(part) for part in parts],
+        }
+
+    def _estimation(self, experiment, sequence):
+        """What decides every estimate of a sequence, however its settings are cut into jobs."""
+        found = self.config.experiments[experiment]
+        estimator = self.estimator(experiment)
+        return {
+            "sequence": sequence,
+            "levels": {name: list(levels) for name, levels in found.levels.items()},
+            "replicates": found.replicates,
+            "estimator": estimator.decides(),
+            "deviation": self.config.perturbation.deviation.tolist(),
+            "plugins": digests.plugin_names(estimator),
+            "seed": self.config.seed,
+            "code": self.code("run_icp", *estimator.plugins),
+            "versions": versions(),
+        }
+
+    def job_digests(self, experiment, sequence):
+        """Digest of the plan of each job; how they are cut is no part of an explanation."""
+        jobs = range(len(self.jobs(experiment, sequence)))
+        return [digest(self.job(experiment, sequence, job)) for job in jobs]
+
+    def explanation(self, experiment, sequence):
+        found = self.config.experiments[experiment]
+        estimator = self.estimator(experiment)
+        return {
+            "sequence": sequence,
+            "pairs": [
+                digest(self.pair(experiment, sequence, pair)) for pair in found.pairs[sequence]
+            ],
+            "estimation": digest(self._estimation(experiment, sequence)),
+            "off": {name: estimator.causes[name].off for name in found.causes},
+            "levels": {name: list(levels) for name, levels in found.levels.items()},
+            "returns": asdict(estimator.kind.returns),
+            "method": options.values(self.config.estimators[found.estimator].method),
+            "plugins": digests.plugin_names(estimator),
+            "seed": self.config.seed,
+            "code": self.code("explain_sequence", *estimator.plugins),
+            "versions": versions(),
+        }
+
+    def joined(self, experiment):
+        found = self.config.experiments[experiment]
+        return {
+            "experiment": experiment,
+            "causes": list(found.causes),
+            # A list: the order of the rows is part of the table.
+            "sequences": [
+                [sequence, digest(self.explanation(experiment, sequence))]
+                for sequence in found.pairs
+            ],
+        }

@@ -1,0 +1,166 @@
+"""What lies in resources/ and results/ when a run begins, held against the plan.
+
+The workflow itself sees dates and, as long as its own records last, parameters. This looks into
+the files: one that another plan made is put aside, so that it is made again; one that no plan
+makes is named.
+"""
+
+import os
+import re
+from pathlib import Path
+
+from icpshap import storage
+from icpshap.errors import UserError
+from icpshap.jobs import paths, plans
+from icpshap.jobs.paths import at
+
+STALE = ".stale"
+SHOWN = 3  # files that are named; of more their number is told
+OF_EXPLANATION = ("pairs", "uncertainty", "shap", "resampled")
+
+
+# Options by which snakemake does something else than to make files.
+NO_RUN = re.compile(
+    r"-(?![cj])[a-zA-Z]*[nltSD]|--(dry-?run|lint|unlock|list|touch|dag|rulegraph|filegraph|d3dag|summary|"
+    r"detailed-summary|report|archive|cleanup|delete|export|generate|print-compilation|bash|version|help)"
+)
+
+
+def is_run(arguments):
+    """Whether a command line of snakemake makes files, and does not only look at them."""
+    return not any(NO_RUN.match(word) for word in arguments)
+
+
+def look(planner, experiments, sequences, puts_aside=True):
+    """Put aside what another plan made, as <name>.stale, and say so: lines of text.
+
+    planner: a plans.Plans; experiments, sequences: names of what is selected; puts_aside: False
+    where this is only looked at.
+    """
+    stale = []
+    for path, plan in planned_files(planner, experiments, sequences):
+        if difference := _difference(path, plan) or _newly_registered(path, plan, planner):
+            if puts_aside:
+                os.replace(path, f"{path}{STALE}")
+            stale.append((path, difference))
+    lines = []
+    if stale:
+        path, difference = stale[0]
+        lines.append(
+            f"{len(stale)} file(s) were made by another plan. They are kept as *{STALE}, and made "
+            f"again where they are needed; the first is {path} ({difference})."
+        )
+        if puts_aside:
+            _put_aside_what_follows(planner, experiments, [path for path, _ in stale])
+    if strangers := list(unplanned_files(planner, experiments, sequences)):
+        named = ", ".join(map(str, strangers[:SHOWN]))
+        lines.append(
+            f"{len(strangers)} file(s) belong to no job of the plan and are not read: {named}"
+            f"{', ...' if len(strangers) > SHOWN else ''}. "
+            "They are left over from another configuration; remove them when you like."
+        )
+    return lines
+
+
+def _put_aside_what_follows(planner, experiments, stale):
+    """Put aside the tables of the sequences of stale files: what is whole asks for nothing.
+
+    The workflow does not make a missing file whose followers are all there.
+    """
+    for name, sequence in _selected(planner, experiments, planner.config.data):
+        if not any(sequence in Path(path).parts for path in stale):
+            continue
+        for table in OF_EXPLANATION:
+            names = {"experiment": name, "table": table}
+            for path in (
+                at(paths.OF_SEQUENCE, sequence=sequence, **names),
+                at(paths.OF_EXPERIMENT, **names),
+            ):
+                if os.path.exists(path):
+                    os.replace(path, f"{path}{STALE}")
+
+
+def planned_files(planner, experiments, sequences):
+    """(path, plan) of every file that is there and has a plan."""
+    for path, plan in _plans(planner, experiments, sequences):
+        if os.path.exists(path):
+            yield path, plan()
+
+
+def unplanned_files(planner, experiments, sequences):
+    """Files of runs, estimates and pairs that are there, of jobs and pairs that are not planned."""
+    planned = {Path(path) for path, _ in _plans(planner, experiments, sequences)}
+    for experiment, sequence in _selected(planner, experiments, sequences):
+        names = {"experiment": experiment, "sequence": sequence}
+        for template in (paths.RUNS, paths.ESTIMATES, paths.PAIR):
+            folder = Path(at(template, **names)).parent
+            yield from (path for path in sorted(folder.glob("*.parquet")) if path not in planned)
+
+
+def _difference(path, plan):
+    """How a file's plan differs from the one it should have, in words; "" if it does not."""
+    try:
+        found = storage.read_about(path).get("plan", {})
+    except UserError:
+        return "it cannot be read"
+    if plans.digest(found) == plans.digest(plan):
+        return ""
+    return plans.difference(found, plan)
+
+
+def _newly_registered(path, plan, planner):
+    """Which pair of a job is registered by now and was not when the job ran, in words; or "".
+
+    Checks of pairs are no reason to register again, so that the workflow would not see it.
+    """
+    if "parts" not in plan:
+        return ""
+    registered = {tuple(pair) for pair in storage.read_about(path).get("registered", [])}
+    for pair, *_ in plan["parts"]:
+        indices = {"reference": pair[0], "source": pair[1]}
+        overlap = at(paths.OVERLAP, sequence=plan["sequence"], **indices)
+        if tuple(pair) not in registered and os.path.exists(overlap):
+            ratio = storage.read_about(overlap).get("overlap", 0.0)
+            if ratio > planner.config.perturbation.minimum_overlap:
+                return "pair {}-{} is registered now, and was not".format(*pair)
+    return ""
+
+
+def _selected(planner, experiments, sequences):
+    for name in experiments:
+        for sequence in planner.config.experiments[name].pairs:
+            if sequence in sequences:
+                yield name, sequence
+
+
+def _plans(planner, experiments, sequences):
+    """(path, function that makes the plan) of every file that the selection may make."""
+    for sequence in sequences:
+        yield at(paths.POSES, sequence=sequence), lambda s=sequence: planner.poses(s)
+        for index in range(planner.config.data[sequence].scans):
+            path = at(paths.SCAN, sequence=sequence, index=index)
+            yield path, lambda s=sequence, k=index: planner.scan(s, k)
+    for name, sequence in _selected(planner, experiments, sequences):
+        yield from _plans_of(planner, name, sequence)
+    for name in experiments:
+        for table in OF_EXPLANATION:
+            path = at(paths.OF_EXPERIMENT, experiment=name, table=table)
+            yield path, lambda n=name: planner.joined(n)
+
+
+def _plans_of(planner, name, sequence):
+    names = {"experiment": name, "sequence": sequence}
+    for pair in planner.config.experiments[name].pairs[sequence]:
+        indices = {"reference": pair[0], "source": pair[1]}
+        overlap = at(paths.OVERLAP, sequence=sequence, **indices)
+        yield overlap, lambda p=pair: planner.overlap(sequence, p)
+        yield at(paths.PAIR, **names, **indices), lambda p=pair: planner.pair(name, sequence, p)
+    returns = planner.estimator(name).kind.returns
+    made = [(paths.RUNS, returns.samples), (paths.ESTIMATES, returns.covariances)]
+    for job in range(len(planner.jobs(name, sequence))):
+        for template in (template for template, is_made in made if is_made):
+            path = at(template, **names, job=job)
+            yield path, lambda k=job: planner.job(name, sequence, k)
+    for table in OF_EXPLANATION:
+        path = at(paths.OF_SEQUENCE, **names, table=table)
+        yield path, lambda: planner.explanation(name, sequence)

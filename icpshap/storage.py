@@ -1,0 +1,109 @@
+"""Parquet files that cannot be wrong in silence: whole or absent, and checked when they are read.
+
+Pages carry checksums; a digest over schema, metadata and values covers what these do not (the
+footer). A file is written beside its place, brought to the disk and renamed.
+"""
+
+import hashlib
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from icpshap.errors import UserError
+
+ABOUT, DIGEST = b"icpshap", b"digest"
+
+
+class StorageError(UserError):
+    """A file cannot be read, or is not what was written."""
+
+
+def write(path, table, about):
+    """Write an Arrow table with the mapping `about`, which JSON can hold, as its metadata."""
+    told = json.dumps(about, sort_keys=True).encode()
+    digest = _digest(table, told).encode()
+    table = table.replace_schema_metadata({ABOUT: told, DIGEST: digest})
+    path = Path(path)
+    temporary = path.with_name(path.name + ".part")
+    with open(temporary, "wb") as file:
+        pq.write_table(table, file, write_page_checksum=True)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(temporary, path)
+    _sync_folder(path.parent)
+
+
+def read(path):
+    """The Arrow table of a file and what `write` was told of it.
+
+    Raises StorageError if the file cannot be read or is not, to the bit, what was written.
+    """
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            table = file.read()
+    except FileNotFoundError:
+        raise StorageError(f"{path}: no such file.\nHint: run the workflow; it makes it.") from None
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise _damaged(path, str(error).splitlines()[0] if str(error) else "unreadable") from None
+    metadata = table.schema.metadata or {}
+    told = metadata.get(ABOUT, b"")
+    if metadata.get(DIGEST, b"").decode(errors="replace") != _digest(table, told):
+        raise _damaged(path, "its content does not have the digest that was written with it")
+    return table, json.loads(told)
+
+
+def read_about(path):
+    """What `write` was told of a file; nothing else of it is read or checked.
+
+    Raises StorageError if there is no such file or its end cannot be read.
+    """
+    try:
+        metadata = pq.read_schema(path).metadata or {}
+        return json.loads(metadata.get(ABOUT, b"{}"))
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise _damaged(path, str(error).splitlines()[0] if str(error) else "unreadable") from None
+
+
+def digest_of(mapping):
+    """Short digest of a mapping that JSON can hold; lists and tuples are alike."""
+    return hashlib.sha256(json.dumps(mapping, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _damaged(path, why):
+    return StorageError(
+        f"{path}: the file is damaged or was not written by this program: {why}.\n"
+        "Hint: remove it; the workflow makes it again."
+    )
+
+
+def _digest(table, told):
+    """Digest over names, types, units, metadata and values of a table."""
+    digest = hashlib.sha256(told)
+    for field, column in zip(table.schema, table.columns, strict=True):
+        described = sorted((field.metadata or {}).items())
+        digest.update(repr((field.name, str(field.type), described, len(column))).encode())
+        digest.update(_bytes(column))
+    return digest.hexdigest()[:32]
+
+
+def _bytes(column):
+    """The values of a column as bytes, however Arrow happens to hold them."""
+    if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+        return json.dumps(column.to_pylist()).encode()
+    return np.ascontiguousarray(column.to_numpy()).tobytes()
+
+
+def _sync_folder(folder):
+    """Bring a renaming to the disk, where the system can open folders."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

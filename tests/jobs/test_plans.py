@@ -1,0 +1,288 @@
+"""What decides each file, and what is said of one that another plan made."""
+
+import copy
+import os
+from functools import cache
+from pathlib import Path
+
+import pytest
+import yaml
+from conftest import PAPER_CONFIG, REPOSITORY
+from snakemake.utils import update_config
+
+from icpshap import config as configuration
+from icpshap import tables
+from icpshap.jobs import paths, plans, start
+from icpshap.jobs.paths import at
+from icpshap.jobs.plans import Plans, digest
+
+TINY = yaml.safe_load((REPOSITORY / "tests" / "tiny.yaml").read_text())
+GRID, ROOM = "tiny_grid", "tiny_room"
+
+
+def loaded(change=lambda config: None):
+    config = copy.deepcopy(PAPER_CONFIG)
+    update_config(config, copy.deepcopy(TINY))
+    change(config)
+    return configuration.load(config)
+
+
+def plans_of(change=lambda config: None, files=None):
+    return Plans(loaded(change), files or {}, cache(lambda script, *plugins: f"code of {script}"))
+
+
+def jobs(planner, experiment=GRID, sequence=ROOM):
+    return [
+        digest(planner.job(experiment, sequence, k))
+        for k in range(len(planner.jobs(experiment, sequence)))
+    ]
+
+
+def estimator(**values):
+    return lambda config: config["estimators"]["tiny"].update(values)
+
+
+class TestWhatDecides:
+    """A plan changes with all that decides a file's numbers, and with nothing else."""
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            lambda config: config.update(seed=1),
+            estimator(minimum_range=1.5),
+            estimator(reference_noise_additions=2),
+            lambda config: config["perturbation"].update(overlap_distance=0.3),
+            lambda config: config["perturbation"].update(initial_pose_rotation=5),
+            lambda config: config["data"][ROOM]["simulated"].update(beams=4000),
+        ],
+    )
+    def test_runs(self, change):
+        assert not set(jobs(plans_of())) & set(jobs(plans_of(change)))
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            estimator(divergence="symmetric_kl", wrong_basin_translation=0.3),
+            estimator(covariance_floor_rotation=1e-5, interval="bootstrap"),
+            lambda config: config["perturbation"].update(minimum_overlap=0.3),
+            lambda config: config["data"][ROOM].update(scans=4, title="Another"),
+            lambda config: config["experiments"][GRID].update(figures=["summary"]),
+        ],
+    )
+    def test_but_not_how_they_are_read(self, change):
+        assert jobs(plans_of()) == jobs(plans_of(change))
+
+    def test_more_scans_add_jobs_and_change_none_but_the_last(self):
+        before, after = (
+            jobs(
+                plans_of(lambda config, n=n: config["data"]["tiny_stairs"].update(scans=n)),
+                "tiny_fixed",
+                "tiny_stairs",
+            )
+            for n in (4, 6)
+        )
+        assert len(after) > len(before)
+        assert after[: len(before) - 1] == before[:-1]
+
+    def test_an_explanation_knows_method_runs_and_pairs(self):
+        plain = digest(plans_of().explanation(GRID, ROOM))
+        for change in (
+            estimator(divergence="symmetric_kl"),
+            estimator(maximum_iterations=7),
+            lambda config: config["perturbation"].update(minimum_overlap=0.3),
+        ):
+            assert digest(plans_of(change).explanation(GRID, ROOM)) != plain
+
+    def test_how_jobs_are_cut_is_no_part_of_an_explanation(self):
+        other = plans_of(lambda config: config.update(runs_per_job=10_000))
+        assert len(jobs(other)) != len(jobs(plans_of()))
+        assert other.explanation(GRID, ROOM) == plans_of().explanation(GRID, ROOM)
+
+    def test_code_and_versions_are_part_of_it(self, monkeypatch):
+        planner = plans_of()
+        before = jobs(planner)
+        monkeypatch.setattr(plans, "versions", lambda: {"numpy": "9.9"})
+        assert not set(before) & set(jobs(plans_of()))
+        assert planner.job(GRID, ROOM, 0)["code"] == "code of run_icp"
+        monkeypatch.undo()
+        assert set(plans.versions()) == {*plans.COMPUTING, "machine"}
+
+
+class TestOutsideFiles:
+    """A file from outside enters by size and time stamp; an older date is another stamp."""
+
+    @pytest.fixture
+    def scan(self, tmp_path):
+        path = tmp_path / "s0.csv"
+        path.write_text("x,y,z\n1,2,3\n")
+        return path
+
+    def planned(self, scan):
+        def own(config):
+            config["data"]["own"] = {"scans": 2, "folder": {"path": str(scan.parent)}}
+
+        return digest(plans_of(own, {"own": ([scan, scan], scan)}).scan("own", 0))
+
+    def test_an_older_file_of_the_same_size_is_another(self, scan):
+        before = self.planned(scan)
+        assert self.planned(scan) == before
+        os.utime(scan, (1e9, 1e9))
+        assert self.planned(scan) != before
+
+    def test_another_size_at_the_same_time_is_another(self, scan):
+        status = scan.stat()
+        before = self.planned(scan)
+        scan.write_text("x,y,z\n1,2,33\n")
+        os.utime(scan, ns=(status.st_atime_ns, status.st_mtime_ns))
+        assert self.planned(scan) != before
+
+    def test_a_file_that_is_not_there_has_a_stamp_too(self, tmp_path):
+        assert plans.stamp(tmp_path / "nothing")["size"] is None
+
+
+def write(path, table, plan, **about):
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    causes = plan.get("levels", {}) if table in tables.WITH_CAUSES else ()
+    tables.write(path, tables.empty(table, causes), table, plan, causes, **about)
+
+
+@pytest.fixture
+def there(tmp_path, monkeypatch):
+    """The files of the tiny grid as a run leaves them, without rows."""
+    monkeypatch.chdir(tmp_path)
+    planner = plans_of()
+    names = {"experiment": GRID, "sequence": ROOM}
+    pair = at(paths.PAIR, **names, reference=0, source=1)
+    data = {"scan_0.parquet": "a", "scan_1.parquet": "b"}
+    write(pair, "pairs", planner.pair(GRID, ROOM, (0, 1)), data=data)
+    runs = [at(paths.RUNS, **names, job=k) for k in range(len(planner.jobs(GRID, ROOM)))]
+    for k, path in enumerate(runs):
+        write(path, "runs", planner.job(GRID, ROOM, k), data=data, registered=[(0, 1)])
+    return planner, pair, runs
+
+
+class TestReader:
+    """Who reads runs refuses those of another plan or of other data."""
+
+    def check(self, planner, runs, pair):
+        planned, jobs = planner.explanation(GRID, ROOM), planner.job_digests(GRID, ROOM)
+        plans.check_estimates(runs, jobs, planned, [pair])
+
+    def test_right_ones_pass(self, there):
+        planner, pair, runs = there
+        self.check(planner, runs, pair)
+
+    def test_swapped_files_are_refused(self, there):
+        planner, pair, runs = there
+        with pytest.raises(tables.TableError, match=r"1.parquet: made by another plan .*\nHint"):
+            self.check(planner, runs[::-1], pair)
+
+    def test_runs_of_another_seed_are_named_with_their_seed(self, there):
+        planner, pair, runs = there
+        other = plans_of(lambda config: config.update(seed=7))
+        write(runs[1], "runs", other.job(GRID, ROOM, 1), data={}, registered=[])
+        with pytest.raises(tables.TableError, match=r"\(seed 7, planned 42\)"):
+            self.check(planner, runs, pair)
+
+    def test_runs_of_other_data_are_refused(self, there):
+        planner, pair, runs = there
+        data = {"scan_0.parquet": "a", "scan_1.parquet": "old"}
+        write(runs[0], "runs", planner.job(GRID, ROOM, 0), data=data, registered=[(0, 1)])
+        with pytest.raises(tables.TableError, match=r"0.parquet: made from another scan_1.parquet"):
+            self.check(planner, runs, pair)
+
+    def test_a_table_of_another_plan_is_refused(self, there):
+        planner, pair, _ = there
+        plans.check(pair, digest(planner.pair(GRID, ROOM, (0, 1))))
+        with pytest.raises(tables.TableError, match=r"0-1.parquet: made by another plan.\nHint"):
+            plans.check(pair, "something else")
+
+
+class TestStart:
+    """What lies in results/ when a run begins."""
+
+    def look(self, planner):
+        return start.look(planner, [GRID], [ROOM])
+
+    def test_what_belongs_is_left_alone(self, there):
+        planner, _, runs = there
+        before = os.stat(runs[0]).st_mtime_ns
+        assert self.look(planner) == []
+        assert os.stat(runs[0]).st_mtime_ns == before
+
+    def test_what_another_plan_made_is_put_aside_and_said(self, there):
+        planner, _, runs = there
+        other = plans_of(lambda config: config.update(seed=7))
+        write(runs[1], "runs", other.job(GRID, ROOM, 1), data={}, registered=[])
+        (line,) = self.look(planner)
+        assert line.startswith(
+            "1 file(s) were made by another plan. They are kept as *.stale, and made again where "
+            "they are needed; the first is results/tiny_grid/tiny_room/runs/1.parquet ("
+        )
+        assert line.endswith("; seed 7, planned 42).")
+        assert Path(runs[0]).exists() and not Path(runs[1]).exists()
+        assert Path(f"{runs[1]}.stale").exists()
+
+    def test_what_follows_from_it_is_put_aside_with_it(self, there):
+        """Else the workflow would have nothing to do: the last files are all there."""
+        planner, _, runs = there
+        names = {"experiment": GRID, "table": "shap"}
+        tables_ = [at(paths.OF_SEQUENCE, sequence=ROOM, **names), at(paths.OF_EXPERIMENT, **names)]
+        write(tables_[0], "shap", planner.explanation(GRID, ROOM))
+        write(tables_[1], "shap", planner.joined(GRID) | {"levels": {}})
+        Path(runs[0]).write_bytes(b"")
+        self.look(planner)
+        assert not [path for path in tables_ if Path(path).exists()]
+
+    def test_who_only_looks_changes_nothing(self, there):
+        planner, _, runs = there
+        Path(runs[0]).write_bytes(b"")
+        assert len(start.look(planner, [GRID], [ROOM], puts_aside=False)) == 1
+        assert Path(runs[0]).exists()
+
+    @pytest.mark.parametrize(
+        ("command", "expected"),
+        [
+            ("-j2", True),
+            ("-j 2 --configfile config/demo.yaml --config seed=1 -- results/x/shap.parquet", True),
+            ("--cores all --forcerun run_icp -k", True),
+            ("-call -p --printshellcmds", True),
+            ("-n", False),
+            ("-j2 -np", False),
+            ("-j2 --dry-run", False),
+            ("--lint", False),
+            ("--unlock", False),
+            ("--report report.zip", False),
+            ("-j2 --touch", False),
+        ],
+    )
+    def test_only_a_run_makes_files(self, command, expected):
+        assert start.is_run(command.split()) == expected
+
+    def test_what_cannot_be_read_is_made_again(self, there):
+        planner, _, runs = there
+        Path(runs[0]).write_bytes(b"")
+        (line,) = self.look(planner)
+        assert "runs/0.parquet (it cannot be read)" in line
+
+    def test_a_pair_that_is_registered_now_was_not_when_its_job_ran(self, there):
+        planner, _, runs = there
+        write(runs[0], "runs", planner.job(GRID, ROOM, 0), data={}, registered=[])
+        overlap = at(paths.OVERLAP, sequence=ROOM, reference=0, source=1)
+        write(overlap, "overlap", planner.overlap(ROOM, (0, 1)), overlap=0.8)
+        (line,) = self.look(planner)
+        assert "runs/0.parquet (pair 0-1 is registered now, and was not)" in line
+
+    def test_what_no_job_makes_is_named_and_not_touched(self, there):
+        planner, _, runs = there
+        stranger = Path(runs[0]).with_name("99.parquet")
+        stranger.write_bytes(b"old")
+        (line,) = self.look(planner)
+        assert "1 file(s) belong to no job of the plan and are not read" in line
+        assert "runs/99.parquet" in line and stranger.read_bytes() == b"old"
+
+
+def test_two_plans_are_set_against_each_other_in_words():
+    found, planned = {"seed": 1, "levels": {"a": [1]}}, {"seed": 2, "levels": {"a": [1]}}
+    assert plans.difference(found, planned) == "seed 1, planned 2"
+    assert plans.difference({}, {"code": "x" * 99}).endswith("...")
