@@ -2,7 +2,7 @@
 
     python -m benchmarks.calibration [--repetitions 1000]
 
-A run's pose error is Gaussian. Each uncertainty source that is on adds a spread of its own, and
+A run's pose error is Gaussian. Each cause that is on adds a spread of its own, and
 every setting has a little randomness that it shares with no other (the redrawn subsample). Sensor
 noise also moves all runs of one noise draw together. With one noise draw the truth is that of this
 draw, with ten that of all possible draws. Prints a table and, as its last line, JSON; the exit code
@@ -19,23 +19,31 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from icpshap.explanation import readings as divergence
-from icpshap.explanation import shapley
-from icpshap.explanation.games import quantities, quantity_names
+from icpshap.estimators.kind import SAMPLES
+from icpshap.explanation import readings, shapley
+from icpshap.explanation.basins import wrong_basin
+from icpshap.explanation.games import quantities
 from icpshap.explanation.intervals import CONFIDENCE
-from icpshap.explanation.uncertainty import Method, Sample, estimate
+from icpshap.explanation.method import Method
+from icpshap.explanation.sample import Sample
+from icpshap.explanation.uncertainty import estimate
 
 RUNS = 100
 WRONG_BASINS = ("none", "keep", "leave_out")
-SOURCES = ("sensor_noise", "initial_pose", "partial_overlap")
-QUANTITIES = quantity_names(SOURCES)[1:8]  # f, Shapley values, interactions
+CAUSES = ("sensor_noise", "initial_pose", "partial_overlap")
+QUANTITIES = (
+    "f",
+    *(f"phi_{cause}" for cause in CAUSES),
+    *(f"interaction_{a}_{b}" for a, b in shapley.couples(CAUSES)),
+)
+READ = slice(1, 8)  # of `quantities`
 HEADINGS = ("f", "φ sn", "φ ip", "φ po", "I sn,ip", "I sn,po", "I ip,po")
 ON = shapley.coalitions(3)
 GAME = np.arange(8)[None]
 OFFSET = np.array([0.1, 0.0, 0.05, 0.3, 0.1, 0.0])
 WRONG_BASIN_RATE = 0.03
 # Standard deviations [rad x3, m x3]: of every run, of every run and setting on its own, of what a
-# source that is on adds.
+# cause that is on adds.
 SHARED = 1e-3 * np.array([0.8, 0.9, 1.0, 1.5, 2.0, 1.0])
 OWN = 0.4 * SHARED
 ADDED = 1e-3 * np.array(
@@ -82,14 +90,17 @@ def draw(case, generator):
         wrong = generator.random((settings, RUNS, 1)) < WRONG_BASIN_RATE
         xi += wrong * OFFSET
     return Sample(
-        sources=SOURCES,
+        causes=CAUSES,
         settings=ON.astype(float),
-        draws=np.zeros(len(ON), dtype=int),
+        again=np.zeros(len(ON), dtype=bool),
         xi=xi,
         initial_xi=xi,
         failed=np.zeros((len(ON), RUNS), dtype=bool),
-        wrong_basin=divergence.wrong_basin(xi, 0.1, np.deg2rad(2.0)),
+        wrong_basin=wrong_basin(xi, *case.method.basin),
         noise_draw=noise_draw if case.deleted == "units" else np.zeros_like(noise_draw),
+        weight=np.ones(RUNS),
+        covariance=None,
+        returns=SAMPLES,
     )
 
 
@@ -100,11 +111,11 @@ def truth(case):
         variance += ON @ ADDED**2
         if case.noise_draws > 1:
             variance += ON[:, :1] * (case.draw_effect * ADDED[0]) ** 2
-    covariance = variance[:, :, None] * np.eye(6) + divergence.floor_matrix(*case.method.floor)
+    covariance = variance[:, :, None] * np.eye(6) + readings.floor_matrix(*case.method.floor)
     if case.wrong_basins == "keep":
         covariance += WRONG_BASIN_RATE * (1 - WRONG_BASIN_RATE) * np.outer(OFFSET, OFFSET)
-    game = divergence.kullback_leibler(covariance[0], covariance)
-    return quantities(game)[1:8]
+    game = readings.kullback_leibler(covariance[0], covariance)
+    return quantities(game)[READ]
 
 
 def measure(case, repetitions):
@@ -115,7 +126,7 @@ def measure(case, repetitions):
         sample = draw(case, np.random.default_rng([20260101, repetition]))
         estimates = estimate(sample, GAME, quantities, case.method)
         found.append([estimates.value[0], estimates.low[0], estimates.high[0]])
-    value, low, high = np.array(found)[..., 1:8].swapaxes(0, 1)
+    value, low, high = np.array(found)[..., READ].swapaxes(0, 1)
     columns = {
         "truth": true,
         "coverage": ((low <= true) & (true <= high)).mean(axis=0),

@@ -140,13 +140,12 @@ def against_others(scene, points, planes, runs):
 def write_tables(folder, scene, points):
     """The tables a registration job reads."""
     from icpshap import tables
-    from icpshap.estimators import perturb as perturbation
+    from icpshap.data.pair import Pair
 
     reference, source, T = simulated_pair(scene, points)
     for name, cloud in (("reference", reference), ("source", source)):
         tables.write(folder / f"{name}.parquet", tables.points_frame(cloud), "scan")
-    near = perturbation.nearest_distances(reference, source, T) <= 0.2
-    np.savez(folder / "pair.npz", T=T, near=near)
+    np.savez(folder / "pair.npz", T=T, near=Pair.measured(reference, source, T, 0.2).overlapping)
 
 
 def planned(kind, number=None):
@@ -164,29 +163,31 @@ def planned(kind, number=None):
     grid = config.experiments["different_perturbations"].levels
     noise = 0.0 if kind == "clean" else 0.05
     if kind == "level":
-        level = [s for s in plan.settings(grid, 1) if s.values[0] == noise]
+        level = [s for s in plan.settings(grid, 1) if s.values["sensor_noise"] == noise]
         return [level[k] for k in np.linspace(0, len(level) - 1, number).astype(int)]
-    runs = config.estimators["paper"].runs
+    runs = config.estimators["paper"].estimator.number_of_runs
+    settings = plan.settings(grid, 1)
+    jobs = plan.jobs([(0, 1)], grid, 1, runs, config.runs_per_job)
     return next(
-        settings
-        for settings in plan.jobs(grid, 1, runs, config.runs_per_job)
-        if all(s.values[0] == noise and not s.again for s in settings)
+        job
+        for job in (settings[part.start : part.stop] for (part,) in jobs)
+        if all(s.values["sensor_noise"] == noise and not s.again for s in job)
     )
 
 
 def paper():
     import yaml
 
-    from icpshap import config as settings
+    from icpshap import config
 
-    return settings.load(yaml.safe_load((REPOSITORY / "config.yaml").read_text()))
+    return config.load(yaml.safe_load((REPOSITORY / "config.yaml").read_text()))
 
 
 def job(folder, kind, number=None):
     """A registration job as the workflow runs it: all CPU time, and that of the ICP iterations."""
-    from icpshap import tables
-    from icpshap.estimators import monte_carlo as estimators
-    from icpshap.estimators import perturb as perturbation
+    from icpshap import estimators, tables
+    from icpshap.data.pair import Pair
+    from icpshap.estimators.perturb import Streams
     from icpshap.icp import registration
 
     iterating = []
@@ -201,16 +202,18 @@ def job(folder, kind, number=None):
     registration.KeptLinks.__call__ = timed
     given = np.load(folder / "pair.npz")
     clouds = [tables.read_points(folder / f"{name}.parquet") for name in ("reference", "source")]
-    pair = perturbation.Pair(*clouds, given["T"], given["near"])
+    pair = Pair(*clouds, given["T"], given["near"], 0.2)
     config = paper()
-    runs = estimators.register_settings(
+    causes = config.experiments["same_perturbation"].causes
+    runs, _ = estimators.estimate(
         pair,
         planned(kind, number),
-        config.estimators["paper"].registration,
-        config.perturbation,
-        perturbation.Streams(config.seed, "benchmark", 0, 1),
+        config.estimators["paper"].estimator.of_causes(causes),
+        config.perturbation.deviation,
+        Streams(config.seed, "benchmark", 0, 1),
     )
-    tables.write(folder / "runs.parquet", runs, "runs")
+    runs = runs.assign(reference=0, source=1)
+    tables.write(folder / "runs.parquet", runs, "runs", causes=causes)
     total = time.process_time()  # since the process began: imports and all
     return {
         "runs": len(runs),
