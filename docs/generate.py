@@ -1,11 +1,13 @@
-"""Write the pages and the figure that follow from the code: python -m docs.generate [--check]
+"""Write the pages and files that follow from the code: python -m docs.generate [--check]
 
-docs/configuration.md from workflow/schemas/config.schema.yaml and config.yaml, docs/tables.md from
-icpshap.tables, docs/figures/coalitions.svg from icpshap.shapley. `--check` writes nothing and fails
-if one of them is out of date.
+docs/configuration.md and icpshap/config.schema.json from the options and the causes, docs/tables.md
+from icpshap.tables, docs/figures/coalitions.svg from the causes and icpshap.explanation.shapley.
+`--check` writes nothing and fails if one of them is out of date.
 """
 
+import inspect
 import io
+import json
 import sys
 from itertools import groupby
 from pathlib import Path
@@ -14,15 +16,20 @@ import matplotlib.pyplot as plt
 import yaml
 from matplotlib.patches import Rectangle
 
-from icpshap import config as settings
-from icpshap.causes import SOURCES
-from icpshap.config import EXPERIMENT_KEYS
+from icpshap import causes, options, presets, schema
+from icpshap.estimators import KINDS, option_owners
 from icpshap.explanation import shapley
+from icpshap.explanation.method import Method
+from icpshap.jobs import paths
+from icpshap.presets import Preset
 from icpshap.report.figures import style
-from icpshap.tables import TABLES
+from icpshap.tables import TABLES, WITH_CAUSES, columns
 
 DOCS = Path(__file__).parent
-INSTANCE = (0.05, 1.5, 0.05)
+REPOSITORY = DOCS.parent
+EDITORS_SCHEMA = REPOSITORY / "icpshap" / "config.schema.json"
+# The paper's causes and one of its instances, as the example where a page needs one.
+INSTANCE = {"sensor_noise": 0.05, "initial_pose": 1.5, "partial_overlap": 0.05}
 NOTE = "<!-- Made by `python -m docs.generate`; do not edit. -->"
 
 # --- configuration --------------------------------------------------------------------------------
@@ -43,7 +50,12 @@ snakemake -j2 --configfile config/demo.yaml
 
 Mappings are merged, lists are replaced. Everything is checked before anything runs, and all errors
 are reported at once. Top-level keys that you do not give keep their value in `config.yaml`; within
-an entry of your own, keys are required unless they say otherwise.
+an entry of your own, keys are required unless they say otherwise. Every option of an estimator has
+a default.
+
+An editor that knows JSON schemas completes and checks the keys where the first line of a file names
+the schema, by a path relative to the file. That of `config.yaml` is
+`# yaml-language-server: $schema=icpshap/config.schema.json`.
 """
 
 NOTES = {
@@ -51,70 +63,91 @@ NOTES = {
         "Exactly one of `archive`, `folder` and `simulated`: see [data.md](data.md)."
     ),
     "data.<sequence>.archive": "`url`, or `path`; where both are given, `path` is used.",
-    "estimators.<name>": (
-        "Give every key, or `based_on` and those that differ. An empty cell is the value of "
-        "`paper`. What the three estimators are for: [paper.md](paper.md)."
-    ),
     "experiments.<name>": "Keys that are not optional may also come from `based_on`.",
-    "experiments.<name>.instances": "Exactly one of the two.",
+    "experiments.<name>.instances": (
+        "Exactly one of the two. It names 1 to 7 [causes](#causes), each once: they are the "
+        "players. **Not named is off.** `waterfall` names the same ones."
+    ),
 }
 
+ESTIMATORS = f"""\
+Give a `kind`, or `based_on`, and what differs. Without either the kind is
+`{presets.DEFAULT_KIND}`. An option that is not given has its default, which is its value in
+`paper`; an empty cell is the default. What the three estimators are for: [paper.md](paper.md). An
+option of another kind is an error.
+"""
 
-def configuration(schema, config):
-    """The page that lists every key of the schema, with its value in the configuration."""
+SHARED = """\
+### Options of every kind
+
+How the pair is perturbed and filtered, what a cause can do otherwise, and how the estimates are
+read.
+"""
+
+CAUSES = """\
+## Causes
+
+What `grid` and `fixed` of an experiment may name. A level must lie in the range. *off* is the
+reference value, at which a cause changes nothing (but for `overlap_removal: noisy`, which acts
+there too). How to add a cause: [extending.md](extending.md#a-cause).
+"""
+
+LEVELS = """\
+### `experiments.<name>.instances.grid.<cause>`
+
+A list of levels, or
+"""
+
+
+def configuration():
+    """The page that lists every key of the schema, every option of an estimator and every cause."""
+    config = yaml.safe_load((REPOSITORY / "config.yaml").read_text(encoding="utf-8"))
     values = {"": config, "perturbation": config["perturbation"]}
     parts = [CONFIGURATION]
-    for block, (path, *others) in _blocks(schema, schema["$defs"]):
+    for block, (path, *others) in _blocks(schema.configuration()):
         parts.append(f"## `{path}`\n" if path else "## Top level\n")
         if others:
             parts.append(f"The same in {', '.join(f'`{other}`' for other in others)}.\n")
         if path in NOTES:
             parts.append(NOTES[path] + "\n")
         if path == "estimators.<name>":
-            parts.append(_estimator_table(block, config["estimators"]))
+            parts += _estimators(block)
         else:
-            needed = EXPERIMENT_KEYS if path == "experiments.<name>" else block.get("required", [])
+            own = path == "experiments.<name>"
+            needed = schema.EXPERIMENT_KEYS if own else block.get("required", [])
             parts.append(_block_table(block, needed, values.get(path)))
-    return "\n".join(parts)
+    return "\n".join([*parts, *_causes()])
 
 
-def _blocks(schema, definitions):
-    """Every mapping of a schema, outermost first, with the paths of keys that lead to it."""
+def _blocks(whole):
+    """Every mapping of a schema, outermost first, with the paths of keys that lead to it.
+
+    Not those of which the keys are the causes.
+    """
     names = {"data": "<sequence>", "estimators": "<name>", "experiments": "<name>"}
     found = []
 
     def visit(path, block):
-        block = _resolved(block, definitions)
-        for part in block.get("oneOf", []):
-            visit(path, part)
         if block.get("type") == "array":
             visit(f"{path}[]", block["items"])
-        if "properties" in block:
-            for known, paths in found:
-                if known["properties"] == block["properties"]:
-                    paths.append(path)
+        for part in block.get("oneOf", []):
+            visit(path, part)
+        properties = block.get("properties", {})
+        if not properties.keys() - causes.CAUSES.keys():
+            properties = {}
+        if properties:
+            for known, known_paths in found:
+                if known["properties"] == properties:
+                    known_paths.append(path)
                     return
             found.append((block, [path]))
-        for key, value in block.get("properties", {}).items():
+        for key, value in properties.items():
             visit(f"{path}.{key}".lstrip("."), value)
         if isinstance(block.get("additionalProperties"), dict):
             visit(f"{path}.{names[path]}", block["additionalProperties"])
 
-    visit("", schema)
-    return [(_with_resolved(block, definitions), paths) for block, paths in found]
-
-
-def _resolved(block, definitions):
-    """A block with the definition that it refers to; its own keys win."""
-    if "$ref" not in block:
-        return block
-    own = {key: value for key, value in block.items() if key != "$ref"}
-    return {**definitions[block["$ref"].rpartition("/")[2]], **own}
-
-
-def _with_resolved(block, definitions):
-    properties = block["properties"].items()
-    return {**block, "properties": {key: _resolved(v, definitions) for key, v in properties}}
+    visit("", whole)
+    return found
 
 
 def _block_table(block, needed, values):
@@ -127,12 +160,84 @@ def _block_table(block, needed, values):
     return _table(["key", "value", *(["in `config.yaml`"] if values else []), "meaning"], rows)
 
 
-def _estimator_table(block, estimators):
+def _estimators(block):
+    """What any estimator has, then the options of each kind with their defaults."""
+    own = {key: value for key, value in block["properties"].items() if key in ("based_on", "kind")}
+    parts = [ESTIMATORS, _block_table({"properties": own}, (), None), SHARED]
+    owners = [owner for owner in option_owners(presets.DEFAULT_KIND) if owner not in KINDS.values()]
+    parts.append(_options_table([*owners, Method], presets.DEFAULT_KIND))
+    for name, kind in KINDS.items():
+        parts.append(f"### `kind: {name}`\n")
+        parts.append(_first_sentence(inspect.getmodule(kind)) + "\n")
+        parts.append(f"It returns {_returned(kind.returns)}. {_seen(kind)}\n")
+        if options.names(kind):
+            parts.append(_options_table([kind], name))
+        else:
+            parts.append("It has no options of its own.\n")
+    return parts
+
+
+def _first_sentence(module):
+    return inspect.getdoc(module).split("\n\n")[0].replace("\n", " ")
+
+
+def _returned(returns):
+    samples = "pose samples" * returns.samples
+    covariances = "covariances" * returns.covariances
+    return " and ".join(filter(None, (samples, covariances)))
+
+
+def _seen(kind):
+    if kind.sees is None:
+        return "It sees every cause."
+    return f"Of the causes it sees {', '.join(f'`{name}`' for name in kind.sees)}."
+
+
+def _options_table(owners, kind):
+    """A table of options with their defaults and, of the presets' kind, what the presets change."""
+    named = {"released_code": presets.RELEASED_CODE, "robust": presets.ROBUST}
+    shown = named if kind == presets.DEFAULT_KIND else {}
+    defaults = Preset.of(kind).options
     rows = []
-    for key, value in block["properties"].items():
-        cells = [_value(own[key]) if key in own else "" for own in estimators.values()]
-        rows.append([f"`{key}`", _kind(value), *cells, value["description"]])
-    return _table(["key", "value", *(f"`{name}`" for name in estimators), "meaning"], rows)
+    for owner in owners:
+        for key, value in options.properties(owner).items():
+            others = [preset.options[key] for preset in shown.values()]
+            cells = ["" if other == defaults[key] else _value(other) for other in others]
+            row = [f"`{key}`", _kind(value), _value(defaults[key]), *cells, value["description"]]
+            rows.append(row)
+    paper = ["default, `paper`"] if shown else ["default"]
+    return _table(["key", "value", *paper, *(f"`{name}`" for name in shown), "meaning"], rows)
+
+
+def _causes():
+    """The causes with what is said of each, and how a grid gives levels."""
+    rows = [
+        [
+            f"`{name}`",
+            cause.title,
+            cause.symbol,
+            cause.unit or "-",
+            f"`{cause.off:g}`",
+            _limits(cause.range.schema) or "any",
+            ", ".join(f"{level:g}" for level in cause.levels),
+            cause.meaning + ".",
+        ]
+        for name, cause in causes.CAUSES.items()
+    ]
+    header = ["cause", "title", "symbol", "unit", "off", "range", "levels worth trying", "meaning"]
+    levels = schema.configuration()["properties"]["experiments"]["additionalProperties"]
+    levels = levels["properties"]["instances"]["properties"]["grid"]["properties"]
+    _, start_stop_step = next(iter(levels.values()))["oneOf"]
+    rows_of_levels = [
+        [f"`{key}`", value["type"], value["description"]]
+        for key, value in start_stop_step["properties"].items()
+    ]
+    return [
+        CAUSES,
+        _table(header, rows),
+        LEVELS,
+        _table(["key", "value", "meaning"], rows_of_levels),
+    ]
 
 
 def _kind(value):
@@ -153,9 +258,17 @@ def _type(name, value):
         return f"list of {_kind(value['items'])}" if "enum" in value["items"] else "list"
     if name not in ("integer", "number"):
         return names.get(name, name)
-    symbols = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤"}
-    limits = [f"{symbols[key]} {value[key]:g}" for key in symbols if key in value]
-    return f"{name} {' and '.join(limits)}".strip()
+    return f"{name} {_limits(value)}".strip()
+
+
+def _limits(value):
+    """The range of a number in words."""
+    symbols = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
+    limits = {symbols[key]: value[key] for key in symbols if key in value}
+    return " and ".join(
+        f"{symbol} {limit:,}" if isinstance(limit, int) else f"{symbol} {limit:g}"
+        for symbol, limit in limits.items()
+    )
 
 
 def _value(value):
@@ -176,6 +289,11 @@ def plain(text):
     return text.replace("|", "\\|").replace("<", "&lt;")
 
 
+def editors_schema():
+    """The schema by which editors complete the keys of a configuration file."""
+    return json.dumps(schema.for_editors(), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+
+
 # --- tables ---------------------------------------------------------------------------------------
 
 TABLES_PAGE = f"""\
@@ -184,7 +302,7 @@ TABLES_PAGE = f"""\
 {NOTE}
 
 Parquet files, for pandas, R, DuckDB and others. Each column's unit and description are in the file
-too, beside what decided its numbers (seed, estimator, digests of data and code):
+too, beside the plan that made it (configuration, seed, digests of code and data) and its causes:
 
 ```python
 import pandas
@@ -196,41 +314,58 @@ schema = pyarrow.parquet.read_schema(path)
 schema.field("phi_sensor_noise").metadata, schema.metadata[b"icpshap"]
 ```
 
+Some columns follow from the causes that the experiment names: a value of each, and in `shap` and
+`resampled` what each contributes. This page has the paper's three as the example. With other causes
+the columns have their names; a single cause has no interactions.
+
 The unit *f* is that of the estimator's `divergence`: nats, or m and rad for `translation_rmse` and
 `rotation_rmse`. Poses and pose errors have the rotation first: xi = [rotation; translation]. What
 intervals, noise floor and warnings mean: [uncertainty.md](uncertainty.md).
 """
 
 PLACES = {
-    "scan": "resources/{sequence}/scan_{index}.parquet",
-    "poses": "resources/{sequence}/poses.parquet",
-    "overlap": "resources/{sequence}/overlap/{reference}-{source}.parquet",
-    "runs": "results/{experiment}/{sequence}/runs/{reference}-{source}/{chunk}.parquet",
+    "scan": paths.SCAN,
+    "poses": paths.POSES,
+    "overlap": paths.OVERLAP,
+    "runs": paths.RUNS,
+    "estimates": paths.ESTIMATES,
 }
 ROWS = {
     "scan": "a point",
     "poses": "a scan",
     "overlap": "a source point, in the order of its scan",
     "pairs": "a pair, registered or not",
-    "runs": "an ICP run",
+    "runs": "a pose sample: an ICP run",
+    "estimates": "the covariance of a setting in one noise draw",
     "uncertainty": "a setting: a perturbation that was run on a pair",
     "shap": "an instance: a perturbation of a pair that is explained",
-    "resampled": "a bootstrap resample of an instance, for the ranking of the sources",
+    "resampled": "a bootstrap resample of an instance, for the ranking of the causes",
+}
+OF_JOBS = {
+    "runs": "For estimators that return pose samples. A job holds one pair or several.",
+    "estimates": "For estimators that return covariances. A job holds one pair or several.",
 }
 
 
 def tables():
     """The page that lists every column of every table."""
     parts = [TABLES_PAGE]
-    for table, columns in TABLES.items():
-        where = PLACES.get(table, f"results/{{experiment}}/{{sequence}}/{table}.parquet")
-        both = "" if table in PLACES else f", `results/{{experiment}}/{table}.parquet`"
-        row = f"A row is {ROWS[table]}.\n" if table in ROWS else ""
-        parts.append(f"## {table}\n\n`{where}`{both}\n\n{row}")
-        alike = groupby(columns, lambda column: (column.type, column.unit, column.description))
+    for table in TABLES:
+        known = columns(table, causes.named(INSTANCE) if table in WITH_CAUSES else ())
+        parts.append(f"## {table}\n\n{_places(table)}\n\nA row is {ROWS[table]}.\n")
+        if table in OF_JOBS:
+            parts.append(OF_JOBS[table] + "\n")
+        alike = groupby(known, lambda column: (column.type, column.unit, column.description))
         rows = [[_names(list(group)), *what] for what, group in alike]
         parts.append(_table(["column", "type", "unit", "meaning"], rows))
     return "\n".join(parts)
+
+
+def _places(table):
+    if table in PLACES:
+        return f"`{PLACES[table]}`"
+    both = (paths.OF_SEQUENCE, paths.OF_EXPERIMENT)
+    return ", ".join(f"`{paths.at(template, table=table)}`" for template in both)
 
 
 def _names(columns):
@@ -243,40 +378,49 @@ def _names(columns):
 
 def coalitions():
     """The mapping h_x from coalitions to the perturbations that are run, as SVG."""
-    on = shapley.coalitions(len(SOURCES))
-    values = shapley.coalition_values([INSTANCE], [source.off for source in SOURCES])[0]
+    players = causes.named(INSTANCE)
+    on = shapley.coalitions(len(players))
+    instance = [INSTANCE[cause.name] for cause in players]
+    values = shapley.coalition_values([instance], [cause.off for cause in players])[0]
     by_size = sorted(range(len(on)), key=lambda k: (on[k].sum(), k))
-    gap = 1.6 * len(SOURCES)  # between the coalitions and the settings, for the arrows
-    columns = [(0.2 + 1.6 * k, gap + 2.7 + 2.2 * k) for k in range(len(SOURCES))]
+    gap = 1.6 * len(players)  # between the coalitions and the settings, for the arrows
+    places = [(0.2 + 1.6 * k, gap + 2.7 + 2.2 * k) for k in range(len(players))]
     with style.styled():
         figure = plt.figure(figsize=(style.PAGE, 0.8 + 0.24 * len(on)), layout="none")
         axes = figure.add_axes([0, 0, 1, 1])
-        axes.set(xlim=(0, columns[-1][1] + 2), ylim=(len(on) + 0.1, -1.8))
+        axes.set(xlim=(0, places[-1][1] + 2), ylim=(len(on) + 0.1, -1.8))
         axes.set_axis_off()
-        centred = {"ha": "center", "va": "center"}
-        axes.text(gap / 2 - 0.05, -1.35, "coalition z′", fontsize=8, **centred)
-        middle = (columns[0][1] + columns[-1][1] + 1.8) / 2
-        axes.text(middle, -1.35, "setting z", fontsize=8, **centred)
-        axes.text(gap + 1.3, -0.6, "h$_x$", fontsize=8, **centred)
-        for source, (left, right) in zip(SOURCES, columns, strict=True):
-            unit = f" [{source.unit}]" if source.unit else ""
-            axes.text(left + 0.55, -0.6, source.title.replace(" ", "\n", 1), **centred)
-            axes.text(right + 0.9, -0.6, f"{source.symbol}{unit}", **centred)
+        _coalition_headings(axes, players, places, gap)
         for row, k in enumerate(by_size):
             arrow = {"arrowstyle": "->", "color": style.MUTED, "linewidth": 0.8}
             axes.annotate("", (gap + 2.1, row + 0.5), (gap + 0.5, row + 0.5), arrowprops=arrow)
-            for source, places, here, value in zip(SOURCES, columns, on[k], values[k], strict=True):
-                colour = style.COLOURS.get(source.name, style.INK) if here else style.FAINT
-                ink = "white" if here else style.MUTED
-                for x, width, text in zip(
-                    places, (1.1, 1.8), (f"{here:d}", f"{value:g}"), strict=True
-                ):
-                    axes.add_patch(Rectangle((x, row + 0.1), width, 0.8, color=colour, lw=0))
-                    axes.text(x + width / 2, row + 0.53, text, color=ink, **centred)
+            for cause, place, here, value in zip(players, places, on[k], values[k], strict=True):
+                _coalition_cells(axes, row, cause, place, here, value)
         file = io.StringIO()
         figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
         plt.close(figure)
     return file.getvalue()
+
+
+def _coalition_headings(axes, players, places, gap):
+    centred = {"ha": "center", "va": "center"}
+    axes.text(gap / 2 - 0.05, -1.35, "coalition z′", fontsize=8, **centred)
+    middle = (places[0][1] + places[-1][1] + 1.8) / 2
+    axes.text(middle, -1.35, "setting z", fontsize=8, **centred)
+    axes.text(gap + 1.3, -0.6, "h$_x$", fontsize=8, **centred)
+    for cause, (left, right) in zip(players, places, strict=True):
+        unit = f" [{cause.unit}]" if cause.unit else ""
+        axes.text(left + 0.55, -0.6, cause.title.replace(" ", "\n", 1), **centred)
+        axes.text(right + 0.9, -0.6, f"{cause.symbol}{unit}", **centred)
+
+
+def _coalition_cells(axes, row, cause, place, here, value):
+    """Whether a cause is on in a coalition, and its value in the setting."""
+    colour = cause.colour if here else style.FAINT
+    ink = "white" if here else style.MUTED
+    for x, width, text in zip(place, (1.1, 1.8), (f"{here:d}", f"{value:g}"), strict=True):
+        axes.add_patch(Rectangle((x, row + 0.1), width, 0.8, color=colour, lw=0))
+        axes.text(x + width / 2, row + 0.53, text, color=ink, ha="center", va="center")
 
 
 # --- writing --------------------------------------------------------------------------------------
@@ -284,11 +428,11 @@ def coalitions():
 
 def generated():
     """Content of every generated file, by path."""
-    config = yaml.safe_load((DOCS.parent / "config.yaml").read_text())
     return {
-        DOCS / "configuration.md": configuration(settings.read_schema(), config),
+        DOCS / "configuration.md": configuration(),
         DOCS / "tables.md": tables(),
         DOCS / "figures" / "coalitions.svg": coalitions(),
+        EDITORS_SCHEMA: editors_schema(),
     }
 
 
@@ -297,19 +441,19 @@ def outdated():
     return [
         path
         for path, content in generated().items()
-        if not path.is_file() or path.read_text() != content
+        if not path.is_file() or path.read_text(encoding="utf-8") != content
     ]
 
 
 def main(arguments):
     if "--check" in arguments:
-        names = [str(path.relative_to(DOCS.parent)) for path in outdated()]
+        names = [str(path.relative_to(REPOSITORY)) for path in outdated()]
         if names:
             sys.exit(f"Out of date: {', '.join(names)}.\nHint: python -m docs.generate")
         return
     for path, content in generated().items():
         path.parent.mkdir(exist_ok=True)
-        path.write_text(content)
+        path.write_text(content, encoding="utf-8")
 
 
 if __name__ == "__main__":
