@@ -416,12 +416,14 @@ def run_python(extended, program, told=""):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_every_configuration_is_valid(extended):
     own = [yaml.safe_load(path.read_text()) for path in CONFIG_FILES]
     configs = [laid_over(PAPER_CONFIG, each) for each in [*own, my_extensions()]]
     run_python(extended, LOAD, json.dumps(configs))
 
 
+@pytest.mark.slow
 def test_what_does_not_name_them_registers_nothing_again(extended):
     planned = extended.planned(
         "--configfile", "as_before.yaml", "--", "results/as_before/shap.parquet"
@@ -430,10 +432,12 @@ def test_what_does_not_name_them_registers_nothing_again(extended):
     assert set(planned) <= {"explain_sequence", "join_sequences", "total"}
 
 
+@pytest.mark.slow
 def test_rounding_comes_after_the_noise(extended):
     run_python(extended, ROUNDED_AFTER_THE_NOISE)
 
 
+@pytest.mark.slow
 def test_they_keep_the_contracts(extended):
     """The tests of every cause and kind find the new ones by their being there."""
     ignored = shutil.ignore_patterns("__pycache__")
@@ -449,6 +453,7 @@ def test_they_keep_the_contracts(extended):
     assert done.returncode == 0, done.stdout
 
 
+@pytest.mark.slow
 def test_the_cause_is_a_player(finished):
     (row,) = pd.read_parquet(finished / "rounded/shap.parquet").itertuples()
     assert (row.quantisation, row.sensor_noise) == (0.05, 0.02)
@@ -458,6 +463,7 @@ def test_the_cause_is_a_player(finished):
     assert (figures / "dependence_quantisation_by_sensor_noise.svg").is_file()
 
 
+@pytest.mark.slow
 def test_the_estimator_is_blind(finished):
     uncertainty = pd.read_parquet(finished / "rounded_constant/uncertainty.parquet")
     assert (uncertainty["f"] == 0).all()
@@ -468,6 +474,7 @@ def test_the_estimator_is_blind(finished):
     assert not list(finished.glob("rounded_constant/**/runs"))
 
 
+@pytest.mark.slow
 def test_the_reading_is_read(finished):
     (row,) = pd.read_parquet(finished / "rounded_translation/shap.parquet").itertuples()
     (other,) = pd.read_parquet(finished / "rounded/shap.parquet").itertuples()
@@ -477,6 +484,7 @@ def test_the_reading_is_read(finished):
     assert "entropy difference of translation" in caption.read_text()
 
 
+@pytest.mark.slow
 def test_all_are_in_the_report(finished):
     report = (finished / "report.html").read_text()
     for name in my_extensions()["run"]:

@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pandas as pd
+import pytest
 import yaml
 from conftest import REPOSITORY
 from known_runs import OFF, true_game
@@ -55,6 +56,7 @@ def project_with_known_estimator(folder):
     return project
 
 
+@pytest.mark.slow
 def test_intervals_of_the_workflow_hold_the_truth_at_the_nominal_rate(tmp_path):
     project_with_known_estimator(tmp_path).tiny()
     table = pd.read_parquet(tmp_path / "results" / "known" / "shap.parquet")
