@@ -196,7 +196,8 @@ def run_fetch_scan(tmp_path, content, drop_non_finite):
     script = Path(__file__).parents[2] / "workflow/scripts/fetch_scan.py"
     run = runpy.run_path(str(script))["fetch_scan"]
     output = tmp_path / "scan_1.parquet"
-    run({"path": str(path)}, tmp_path / "cache", output, 1, 2, drop_non_finite, None)
+    plan = {"index": 1, "drop_non_finite": drop_non_finite}
+    run({"path": str(path)}, tmp_path / "cache", output, 2, plan, None)
     return output
 
 
