@@ -33,6 +33,8 @@ from icpshap.icp.network import LONGEST
 
 UNFILLED = 0
 LARGEST_INDEX = 2**31 - 1
+ROOM_POINT = 300  # integers of lists for each reference point
+LARGEST_ROOM = 2**29  # and at most in all (2 GB), beyond which the tree answers what is not listed
 SIDE = 12.0  # of the coarsest cubes, in median distances to the sixth neighbour
 COARSEST_CUBES = 2**22  # at most about this many; larger cubes where space is mostly empty
 LEVELS = 9  # sizes of cubes, each half the one above
@@ -82,7 +84,7 @@ def empty_lists(tree):
         side=np.array([side]),
         cells=cells,
         parent=np.empty((len(cells) - coarsest) // 8, dtype=np.int32),
-        records=np.empty(min(1_000_000 + 300 * n, LARGEST_INDEX), dtype=np.int32),
+        records=np.empty(min(1_000_000 + ROOM_POINT * n, LARGEST_ROOM), dtype=np.int32),
         coarse=tree.points.astype(np.float32),
         largest=float(np.abs([low - margin, low - margin + shape * side]).max()),
         used=np.array([coarsest, 0, 0, 0]),

@@ -55,17 +55,20 @@ class Reference:
         points = checked_points(points, "reference cloud")
         self.normal_neighbours = normal_neighbours
         self.mean = points.mean(axis=0)
+        self._size = len(points)
         self._centred = points - self.mean
         self._lists = {}
 
     def __len__(self):
-        return len(self._centred)
+        return self._size
 
     @functools.cached_property
     def tree(self):
         """k-d tree of the points minus their mean."""
         announce_compilation(kdtree.build)
-        return kdtree.build(self._centred)
+        tree = kdtree.build(self._centred)
+        del self._centred  # the tree holds them
+        return tree
 
     @functools.cached_property
     def planes(self):

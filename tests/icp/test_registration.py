@@ -181,6 +181,27 @@ def test_full_lists_are_started_anew(pair, monkeypatch):
         assert result.T_reference_source.tobytes() == expected.T_reference_source.tobytes()
 
 
+def test_lists_take_no_more_than_their_room_and_change_no_byte_without_it(pair, monkeypatch):
+    reference, source = pair
+    arguments = (source, subsets(4, len(source), 0.9, 6), poses(4, 7), PLANES)
+    expected = icp.register(icp.Reference(reference), *arguments)
+    monkeypatch.setattr("icpshap.icp.candidates.LARGEST_ROOM", 20_000)
+    shared = icp.Reference(reference)
+    little = icp.register(shared, *arguments)
+    assert shared.lists(3).records.size == 20_000
+    assert little.T_reference_source.tobytes() == expected.T_reference_source.tobytes()
+
+
+def test_a_reference_keeps_its_points_once(pair):
+    icp.Reference(pair[0][:20]).tree  # noqa: B018 (compiled, or read from the cache)
+    tracemalloc.start()
+    reference = icp.Reference(pair[0])
+    assert len(reference.tree.points) == len(reference)
+    kept = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert kept < 60 * len(reference)  # bytes: the tree takes 50; the points themselves were 24
+
+
 def test_too_few_links_keep_the_pose_reached(pair):
     reference, source = pair
     T_initial = poses(4, 8)
