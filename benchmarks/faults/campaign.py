@@ -86,7 +86,7 @@ def write_others(folder):
 def hostile_values(campaign):
     place = campaign.copy("values")
     number = 20 if campaign.short else 300
-    arguments = (str(place.folder), place.config(), campaign.seed, number)
+    arguments = (str(place.folder), place.config(), campaign.seed, number, campaign.short)
     return guarded.tried("hostile configurations", values.faults, arguments, IN_PROCESS)
 
 

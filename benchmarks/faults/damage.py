@@ -111,9 +111,9 @@ def _places(whole, key):
         yield position + 2
     for shift in range(3):
         # Of the first and the last group of characters, some bits belong to the neighbours.
-        text = base64.b64encode(bytes(shift) + b'"' + key + b'"')[4:-4]
+        text = base64.b64encode(bytes(shift) + b'"' + key + b'": ')[4:-4]
         if (position := whole.find(text)) >= 0:
-            yield position + len(text) // 2
+            yield position + 1
 
 
 def _look(folder, found, path, damaged):

@@ -15,7 +15,7 @@ from benchmarks.faults.outcome import Fault, of_call, said_of
 from benchmarks.faults.workplace import Workplace
 from icpshap import storage
 
-PATHS = ("results/", "resources/", "logs", "No space left", "Read-only", ".snakemake")
+PATHS = ("results/", "resources/", "No space left", "Read-only", "disk")
 
 
 def faults_in_process(folder):

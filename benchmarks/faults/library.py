@@ -4,7 +4,7 @@ import shutil
 import time
 from functools import partial
 
-from benchmarks.faults.outcome import RIGHT, Fault, Outcome, said_of
+from benchmarks.faults.outcome import Fault, Outcome, said_of
 from benchmarks.faults.workplace import REPOSITORY, SECONDS, Workplace
 
 CODE = ("Snakefile", "config.yaml", "icpshap", "workflow", "profiles", "reference")
@@ -64,6 +64,3 @@ def _edited(campaign, name, text, must_fail):
         return Outcome("wrong", f"failed without a reason: {said[-300:]}")
     after = place.judged(campaign.expected)
     return outcome if after.kind == "right" else after
-
-
-__all__ = ["RIGHT", "faults"]

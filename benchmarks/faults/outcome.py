@@ -42,11 +42,16 @@ RIGHT = Outcome("right")
 
 def said_of(message, *names):
     """The outcome of an error's text: told if it says any of the names, else a crash."""
-    if "Traceback (most recent call last)" in message:
-        return Outcome("crash", tail(message[message.index("Traceback") :]))
+    if is_traceback(message):
+        return Outcome("crash", tail(message))
     if any(str(name) in message for name in names):
         return Outcome("told", tail(message))
     return Outcome("crash", f"names none of {', '.join(map(str, names))}: {tail(message)}")
+
+
+def is_traceback(message):
+    """Whether a text holds a traceback, as Python or as Snakemake prints it."""
+    return "Traceback (most recent call last)" in message or '\n  File "' in message
 
 
 def of_call(call, is_right, *names):

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.faults.outcome import Fault, Outcome
+from benchmarks.faults.outcome import Fault, Outcome, is_traceback, tail
 from benchmarks.faults.workplace import SECONDS, Workplace
 
 ENDING = 3  # seconds within which jobs end after their run
@@ -45,8 +45,8 @@ def _killed(campaign, way, share, seed):
     place.end_all()
     if late:
         return Outcome("hang", f"jobs live {ENDING} s after their run")
-    if way == "INT" and "Traceback" in said:
-        return Outcome("crash", said[said.index("Traceback") :][:400])
+    if way == "INT" and is_traceback(said):
+        return Outcome("crash", tail(said))
     return _resumed(campaign, place, way)
 
 

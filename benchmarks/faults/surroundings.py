@@ -1,5 +1,6 @@
 """What is around the workflow: the compilation cache, the language, files under logs/."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -81,11 +82,10 @@ def faults_of_cache(campaign, seed, number):
 def _cache(campaign, source, kind, way, place):
     folder = campaign.folder / "compiled"
     shutil.rmtree(folder, ignore_errors=True)
-    shutil.copytree(source, folder, copy_function=os.link)
+    shutil.copytree(source, folder)
     files = sorted(folder.rglob(f"*.{kind}"))
     file = files[place % len(files)]
     whole = file.read_bytes()
-    file.unlink()  # a link: the original must stay
     generator = np.random.default_rng(place)
     damaged = bytearray(whole)
     damaged[place % len(whole)] ^= 1 << place % 8
@@ -101,8 +101,6 @@ def _cache(campaign, source, kind, way, place):
 
 def _registered(campaign, **variables):
     """The runs of a job in a process with these variables, against those that were made."""
-    import json
-
     place = campaign.finished
     output = campaign.folder / "registered.parquet"
     output.unlink(missing_ok=True)

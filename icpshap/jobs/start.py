@@ -14,6 +14,7 @@ from icpshap.errors import UserError
 from icpshap.jobs import paths, plans
 from icpshap.jobs.paths import at
 
+FOLDERS = ("logs", "resources", "results")
 STALE = ".stale"
 SHOWN = 3  # files that are named; of more their number is told
 OF_EXPLANATION = ("pairs", "uncertainty", "shap", "resampled")
@@ -29,6 +30,25 @@ NO_RUN = re.compile(
 def is_run(arguments):
     """Whether a command line of snakemake makes files, and does not only look at them."""
     return not any(NO_RUN.match(word) for word in arguments)
+
+
+def check_folders():
+    """Raise UserError if a folder of the workflow cannot be written to, before a job fails of it.
+
+    A folder that is missing is made; the working directory can be written to, or Snakemake itself
+    would not have come so far.
+    """
+    for folder in map(Path, FOLDERS):
+        if folder.exists() and not folder.is_dir():
+            raise UserError(
+                f"{folder}: is a file; the workflow keeps a folder of this name.\n"
+                "Hint: move it away."
+            )
+        if folder.exists() and not os.access(folder, os.W_OK | os.X_OK):
+            raise UserError(
+                f"{folder}: the folder cannot be written to.\n"
+                "Hint: is its disk read-only, or does it belong to somebody else?"
+            )
 
 
 def look(planner, experiments, sequences, puts_aside=True):

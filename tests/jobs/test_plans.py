@@ -12,6 +12,7 @@ from snakemake.utils import update_config
 
 from icpshap import config as configuration
 from icpshap import tables
+from icpshap.errors import UserError
 from icpshap.jobs import paths, plans, start
 from icpshap.jobs.paths import at
 from icpshap.jobs.plans import Plans, digest
@@ -280,6 +281,27 @@ class TestStart:
         (line,) = self.look(planner)
         assert "1 file(s) belong to no job of the plan and are not read" in line
         assert "runs/99.parquet" in line and stranger.read_bytes() == b"old"
+
+
+class TestFoldersOfTheWorkflow:
+    def test_missing_and_usual_ones_are_fine(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "results").mkdir()
+        start.check_folders()
+
+    def test_a_file_in_the_place_of_one(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "logs").write_text("a file")
+        with pytest.raises(UserError, match=r"logs: is a file.*\nHint: move it away"):
+            start.check_folders()
+
+    def test_one_that_cannot_be_written_to(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "results").mkdir()
+        # Root may write to any folder, so that no mode would do.
+        monkeypatch.setattr(start.os, "access", lambda path, mode: str(path) != "results")
+        with pytest.raises(UserError, match=r"results: the folder cannot be written to.*\nHint:"):
+            start.check_folders()
 
 
 def test_two_plans_are_set_against_each_other_in_words():

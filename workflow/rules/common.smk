@@ -8,7 +8,7 @@ from dataclasses import asdict
 from icpshap import config as configuration, options
 from icpshap.data import citation
 from icpshap.data.folder import find_folder_files
-from icpshap.errors import DataError
+from icpshap.errors import DataError, UserError
 from icpshap.jobs import digests, parents, paths, progress, start
 from icpshap.jobs.plans import Plans, is_settled
 from icpshap.jobs.paths import at
@@ -417,7 +417,13 @@ def titles():
 def look_at_what_is_there():
     """Put aside what another plan made, and say it."""
     # Before the workflow is set up, only the command line tells what this is going to be.
-    for line in start.look(PLANS, CONFIG.run, CONFIG.sequences, start.is_run(sys.argv[1:])):
+    is_run = start.is_run(sys.argv[1:])
+    if is_run:
+        try:
+            start.check_folders()
+        except UserError as error:
+            raise WorkflowError(str(error)) from None
+    for line in start.look(PLANS, CONFIG.run, CONFIG.sequences, is_run):
         logger.info(line)
 
 
