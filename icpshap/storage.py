@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 
 from icpshap.errors import UserError
 
-ABOUT, DIGEST = b"icpshap", b"digest"
+ABOUT, DIGEST, ABOUT_DIGEST = b"icpshap", b"digest", b"icpshap_digest"
 
 
 class StorageError(UserError):
@@ -25,8 +25,8 @@ class StorageError(UserError):
 def write(path, table, about):
     """Write an Arrow table with the mapping `about`, which JSON can hold, as its metadata."""
     told = json.dumps(about, sort_keys=True).encode()
-    digest = _digest(table, told).encode()
-    table = table.replace_schema_metadata({ABOUT: told, DIGEST: digest})
+    digests = {DIGEST: _digest(table, told).encode(), ABOUT_DIGEST: _digest_of(told)}
+    table = table.replace_schema_metadata({ABOUT: told, **digests})
     path = Path(path)
     temporary = path.with_name(path.name + ".part")
     with open(temporary, "wb") as file:
@@ -59,18 +59,31 @@ def read(path):
 def read_about(path):
     """What `write` was told of a file; nothing else of it is read or checked.
 
-    Raises StorageError if there is no such file or its end cannot be read.
+    Raises StorageError if there is no such file, or its end cannot be read or is not what was
+    written.
     """
     try:
         metadata = pq.read_schema(path).metadata or {}
-        return json.loads(metadata.get(ABOUT, b"{}"))
     except (OSError, ValueError, pa.ArrowException) as error:
         raise _damaged(path, str(error).splitlines()[0] if str(error) else "unreadable") from None
+    told = metadata.get(ABOUT, b"{}")
+    # Files of earlier versions have no such digest; their whole one is checked when they are read.
+    digest = metadata.get(ABOUT_DIGEST)
+    if digest is not None and digest != _digest_of(told):
+        raise _damaged(path, "its metadata do not have the digest that was written with them")
+    try:
+        return json.loads(told)
+    except ValueError:
+        raise _damaged(path, "its metadata are no JSON") from None
 
 
 def digest_of(mapping):
     """Short digest of a mapping that JSON can hold; lists and tuples are alike."""
     return hashlib.sha256(json.dumps(mapping, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _digest_of(told):
+    return hashlib.sha256(told).hexdigest()[:32].encode()
 
 
 def _damaged(path, why):

@@ -1,5 +1,7 @@
 """Parquet files that say when they are not what was written."""
 
+import json
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -60,6 +62,19 @@ def test_one_flipped_bit_is_never_read_in_silence(path, seed):
             assert str(path) in str(error) and "Hint" in str(error)
         else:
             assert table.equals(expected[0], check_metadata=True) and about == expected[1]
+
+
+def test_a_flipped_bit_of_what_decided_a_file_is_named(path):
+    """Who only asks what decided a file reads nothing else of it."""
+    whole = path.read_bytes()
+    told = json.dumps(ABOUT, sort_keys=True).encode()
+    first = whole.index(told)
+    for position in range(first, first + len(told)):
+        damaged = bytearray(whole)
+        damaged[position] ^= 1
+        path.write_bytes(damaged)
+        with pytest.raises(StorageError, match=path.name):
+            storage.read_about(path)
 
 
 @pytest.mark.parametrize("length", [0, 3, 4, 100, -1, -4])
