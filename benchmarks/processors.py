@@ -2,11 +2,12 @@
 
     python -m benchmarks.processors [--keep FOLDER]
 
-Runs the small workflow of the faults from nothing, as this machine does it, and again with libraries
-that are told of another processor: OpenBLAS with the kernels of 2004, compiled code for any x86-64,
-NumPy without AVX2 and AVX-512, the C library's functions without AVX2 and FMA. Prints for each of
-them, and each kind of table, how many tables have another number and the largest difference of a
-number, relative to the largest of its column. The last line is JSON. It takes five minutes.
+Runs the small workflow of the faults from nothing, as this machine does it, and again with
+libraries that are told of another processor: OpenBLAS with the kernels of 2004, compiled code for
+any x86-64, NumPy without AVX2 and AVX-512, the C library's functions without AVX2 and FMA. Prints
+for each of them, and each kind of table, how many tables have another number and the largest
+difference of a number, relative to the largest of its column. The last line is JSON. It takes five
+minutes.
 """
 
 import argparse
@@ -34,9 +35,8 @@ def main():
     parser.add_argument("--keep", type=Path, help="a folder to work in, which stays")
     arguments = parser.parse_args()
     found = []
-    print(
-        "| processor | table | differ | of | relative difference | column |\n|---|---|---|---|---|---|"
-    )
+    print("| processor | table | differ | of | relative difference | column |")
+    print("|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory(prefix="processors_") as folder:
         folder = arguments.keep or Path(folder)
         this = ran(folder / "this")
@@ -62,7 +62,7 @@ def compared(this, other):
     for path in sorted(this.bytes()):
         kinds.setdefault(kind(path), []).append(path)
     for name, paths in kinds.items():
-        found = [max(differences(path, this, other)) for path in paths]
+        found = [max(differences(path, this, other), default=(0.0, "")) for path in paths]
         relative, column = max(found)
         yield {
             "table": name,

@@ -25,7 +25,7 @@ class StorageError(UserError):
 def write(path, table, about):
     """Write an Arrow table with the mapping `about`, which JSON can hold, as its metadata."""
     told = json.dumps(about, sort_keys=True).encode()
-    digests = {DIGEST: _digest(table, told).encode(), ABOUT_DIGEST: _digest_of(told)}
+    digests = {DIGEST: _digest(table, told), ABOUT_DIGEST: _digest_of(told)}
     table = table.replace_schema_metadata({ABOUT: told, **digests})
     path = Path(path)
     temporary = path.with_name(path.name + ".part")
@@ -50,10 +50,10 @@ def read(path):
     except (OSError, ValueError, pa.ArrowException) as error:
         raise _damaged(path, str(error).splitlines()[0] if str(error) else "unreadable") from None
     metadata = table.schema.metadata or {}
-    told = metadata.get(ABOUT, b"")
-    if metadata.get(DIGEST, b"").decode(errors="replace") != _digest(table, told):
+    about = _checked_about(path, metadata)
+    if metadata.get(DIGEST) != _digest(table, metadata[ABOUT]):
         raise _damaged(path, "its content does not have the digest that was written with it")
-    return table, json.loads(told)
+    return table, about
 
 
 def read_about(path):
@@ -66,20 +66,27 @@ def read_about(path):
         metadata = pq.read_schema(path).metadata or {}
     except (OSError, ValueError, pa.ArrowException) as error:
         raise _damaged(path, str(error).splitlines()[0] if str(error) else "unreadable") from None
-    told = metadata.get(ABOUT, b"{}")
-    # Files of earlier versions have no such digest; their whole one is checked when they are read.
-    digest = metadata.get(ABOUT_DIGEST)
-    if digest is not None and digest != _digest_of(told):
-        raise _damaged(path, "its metadata do not have the digest that was written with them")
-    try:
-        return json.loads(told)
-    except ValueError:
-        raise _damaged(path, "its metadata are no JSON") from None
+    return _checked_about(path, metadata)
 
 
 def digest_of(mapping):
     """Short digest of a mapping that JSON can hold; lists and tuples are alike."""
     return hashlib.sha256(json.dumps(mapping, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _checked_about(path, metadata):
+    """What `write` was told, of the metadata of a file; StorageError if they are not as written."""
+    if ABOUT not in metadata:
+        raise _damaged(path, "it has none of the metadata that are written")
+    told = metadata[ABOUT]
+    # Files of earlier versions have no such digest; their whole one is checked when they are read.
+    same = metadata.get(ABOUT_DIGEST, _digest_of(told)) == _digest_of(told)
+    if not same or set(metadata) - {ABOUT, ABOUT_DIGEST, DIGEST}:
+        raise _damaged(path, "its metadata do not have the digest that was written with it")
+    try:
+        return json.loads(told)
+    except ValueError:
+        raise _damaged(path, "its metadata are no JSON") from None
 
 
 def _digest_of(told):
@@ -100,7 +107,7 @@ def _digest(table, told):
         described = sorted((field.metadata or {}).items())
         digest.update(repr((field.name, str(field.type), described, len(column))).encode())
         digest.update(_bytes(column))
-    return digest.hexdigest()[:32]
+    return digest.hexdigest()[:32].encode()
 
 
 def _bytes(column):
