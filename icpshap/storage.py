@@ -4,6 +4,7 @@ Pages carry checksums; a digest over schema, metadata and values covers what the
 footer). A file is written beside its place, brought to the disk and renamed.
 """
 
+import errno
 import hashlib
 import json
 import os
@@ -23,18 +24,28 @@ class StorageError(UserError):
 
 
 def write(path, table, about):
-    """Write an Arrow table with the mapping `about`, which JSON can hold, as its metadata."""
+    """Write an Arrow table with the mapping `about`, which JSON can hold, as its metadata.
+
+    Raises StorageError if the file cannot be written; what was there before stays.
+    """
     told = json.dumps(about, sort_keys=True).encode()
     digests = {DIGEST: _digest(table, told), ABOUT_DIGEST: _digest_of(told)}
     table = table.replace_schema_metadata({ABOUT: told, **digests})
     path = Path(path)
     temporary = path.with_name(path.name + ".part")
-    with open(temporary, "wb") as file:
-        pq.write_table(table, file, write_page_checksum=True)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, path)
-    _sync_folder(path.parent)
+    try:
+        with open(temporary, "wb") as file:
+            pq.write_table(table, file, write_page_checksum=True)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+        _sync_folder(path.parent)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise StorageError(
+            f"{path}: cannot be written: {error.strerror or error}.\n"
+            "Hint: make room on the disk, or check the permissions of the folder."
+        ) from None
 
 
 def read(path):
@@ -67,6 +78,16 @@ def read_about(path):
     except (OSError, ValueError, pa.ArrowException) as error:
         raise _damaged(path, str(error).splitlines()[0] if str(error) else "unreadable") from None
     return _checked_about(path, metadata)
+
+
+def number_of_rows(path):
+    """Rows of a file; 0 if it is damaged, which who reads it says. FileNotFoundError if none."""
+    if not os.path.exists(path):
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+    try:
+        return pq.read_metadata(path).num_rows
+    except (OSError, pa.ArrowException):
+        return 0
 
 
 def digest_of(mapping):

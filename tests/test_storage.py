@@ -1,5 +1,6 @@
 """Parquet files that say when they are not what was written."""
 
+import errno
 import json
 
 import numpy as np
@@ -95,6 +96,20 @@ def test_garbage_and_other_programs_files_are_named(path):
     pq.write_table(pa.table({"x": [1.0]}), path)
     with pytest.raises(StorageError, match="none of the metadata that are written"):
         storage.read(path)
+
+
+def test_a_disk_without_room_is_named_and_the_old_file_stays(path, monkeypatch):
+    def no_room(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    table, about = storage.read(path)
+    monkeypatch.setattr(storage.os, "fsync", no_room)
+    with pytest.raises(
+        StorageError, match=r"scan\.parquet: cannot be written: No space left.*\nHint"
+    ):
+        storage.write(path, table.slice(0, 1), about)
+    assert storage.read(path)[0].equals(table)
+    assert [found.name for found in path.parent.iterdir()] == [path.name]
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):
