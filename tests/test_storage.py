@@ -123,3 +123,14 @@ def test_a_table_without_rows_has_a_digest_too(tmp_path):
     path = tmp_path / "empty.parquet"
     tables.write(path, tables.empty("runs", ["sensor_noise"]), "runs", causes=["sensor_noise"])
     assert len(tables.read(path, "runs")) == 0
+
+
+def test_rows_are_counted_without_reading_them(path):
+    assert storage.number_of_rows(path) == 40
+    path.write_bytes(b"damaged")
+    assert storage.number_of_rows(path) == 0
+    path.unlink()
+    # Snakemake takes the name as the sign of a file that is yet to be made.
+    with pytest.raises(FileNotFoundError) as error:
+        storage.number_of_rows(path)
+    assert error.value.filename == str(path)
