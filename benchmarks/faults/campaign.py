@@ -95,7 +95,7 @@ def misplaced_files(campaign):
 
 
 def killed_processes(campaign):
-    return attempted("processes killed", processes.faults(campaign, 2 if campaign.short else 12))
+    return attempted("processes killed", processes.faults(campaign, 2 if campaign.short else 20))
 
 
 def full_disks(campaign):

@@ -13,7 +13,7 @@ from benchmarks.faults.outcome import Fault, Outcome, is_traceback, tail
 from benchmarks.faults.workplace import SECONDS, Workplace
 
 ENDING = 3  # seconds within which jobs end after their run
-WAYS = ("KILL", "TERM", "INT", "KILL of a job")
+WAYS = ("KILL", "TERM", "INT", "KILL of a job", "KILL of all")
 
 
 def faults(campaign, number):
@@ -58,6 +58,8 @@ def _kill(place, process, way, seed):
         jobs = [number for number in place.processes() if number != process.pid]
         if jobs:
             os.kill(jobs[seed % len(jobs)], signal.SIGKILL)
+    elif way == "KILL of all":
+        place.end_all()  # as a power cut does
     elif process.poll() is None:
         process.send_signal(getattr(signal, f"SIG{way}"))
 
