@@ -40,6 +40,8 @@ rule all:
 
 
 onstart:
+    # From here on Snakemake ends its jobs itself.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     if any(CONFIG.data[key].kind == "archive" for key in CONFIG.sequences):
         logger.info(citation.NOTICE)
 

@@ -12,6 +12,7 @@ import numpy as np
 from benchmarks.faults.outcome import Fault, Outcome, is_traceback, tail
 from benchmarks.faults.workplace import SECONDS, Workplace
 
+BEGUN = "Building DAG"  # what Snakemake says after it has read the Snakefile
 ENDING = 3  # seconds within which jobs end after their run
 WAYS = ("KILL", "TERM", "INT", "KILL of a job", "KILL of all")
 
@@ -45,7 +46,7 @@ def _killed(campaign, way, share, seed):
     place.end_all()
     if late:
         return Outcome("hang", f"jobs live {ENDING} s after their run")
-    if way == "INT" and is_traceback(said):
+    if way == "INT" and BEGUN in said and is_traceback(said):
         return Outcome("crash", tail(said))
     return _resumed(campaign, place, way)
 

@@ -104,6 +104,11 @@ def failure(logs):
 STOPPED = "Stopped. The same command goes on where this run was; finished jobs are kept."
 
 
+def stop_in_words(*_):
+    """Handler of Ctrl-C while jobs are planned: Snakemake itself would print a traceback."""
+    raise SystemExit(STOPPED)
+
+
 def _text(log):
     try:
         with open(log, encoding="utf-8", errors="replace") as file:

@@ -156,3 +156,8 @@ def test_a_dry_run_keeps_snakemakes_own_lines(watched):
 @pytest.mark.parametrize("seconds, text", [(0.2, "0:00"), (65, "1:05"), (3661.4, "1:01:01")])
 def test_durations(seconds, text):
     assert progress.duration(seconds) == text
+
+
+def test_ctrl_c_before_the_first_job_ends_in_words():
+    with pytest.raises(SystemExit, match="The same command goes on"):
+        progress.stop_in_words(2, None)

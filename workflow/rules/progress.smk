@@ -1,5 +1,6 @@
 """What a person sees while the workflow runs; see icpshap/jobs/progress.py."""
 
+import signal
 import sys
 
 from snakemake.iocontainers import Wildcards
@@ -23,6 +24,7 @@ def planned_settings_and_runs():
 
 JOB_LINES = progress.Progress(sys.stderr, planned_settings_and_runs, settings_and_runs, ESTIMATING)
 if workflow.is_main_process:
+    signal.signal(signal.SIGINT, progress.stop_in_words)
     progress.replace_job_lines(logger, JOB_LINES, lambda: workflow.dryrun)
     parents.be_parent()
     look_at_what_is_there()
