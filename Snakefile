@@ -40,8 +40,7 @@ rule all:
 
 
 onstart:
-    # From here on Snakemake ends its jobs itself.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    CTRL_C.has_jobs = True
     if any(CONFIG.data[key].kind == "archive" for key in CONFIG.sequences):
         logger.info(citation.NOTICE)
 
@@ -54,5 +53,7 @@ onsuccess:
 
 
 onerror:
-    if JOB_LINES.failed:
+    if CTRL_C.pressed:
+        logger.error(progress.STOPPED)
+    elif JOB_LINES.failed:
         logger.error(progress.failure(JOB_LINES.failed))

@@ -1,16 +1,44 @@
-"""Local jobs end with the run that started them; those of a scheduler do not."""
+"""Local jobs end with the run that started them; those of a scheduler do not.
+
+Ctrl-C reaches every process of a terminal, and a Python that is still importing answers with a
+traceback. So local jobs do not hear it (`DEAF`): the run does, and stops them.
+"""
 
 import os
 import threading
 import time
+from pathlib import Path
 
 PARENT = "ICPSHAP_PARENT"
+STOPPED = ".snakemake/icpshap_stopped_{}"  # there once the run of this number stops its jobs
+DEAF = "set -euo pipefail; trap '' INT; "  # what a shell does before it starts a job
 SECONDS = 0.5  # between two looks
 
 
 def be_parent():
     """Tell the jobs that this process starts whose they are."""
+    Path(STOPPED.format(os.getpid())).unlink(missing_ok=True)
     os.environ[PARENT] = f"{os.getpid()}:{_born(os.getpid())}"
+
+
+class CtrlC:
+    """Handler of Ctrl-C of a run: its jobs end, and it says `text` instead of a traceback.
+
+    `pressed` tells whether it was called; `has_jobs` is to be set once jobs run, since then
+    Snakemake itself has to wait for their end.
+    """
+
+    def __init__(self, text):
+        self.text = text
+        self.pressed = False
+        self.has_jobs = False
+
+    def __call__(self, *_):
+        self.pressed = True
+        if not self.has_jobs:
+            raise SystemExit(self.text)
+        Path(STOPPED.format(os.getpid())).touch()
+        raise KeyboardInterrupt
 
 
 def be_nobodys():
@@ -26,7 +54,8 @@ def end_with_parent():
 
 
 def _watch(pid, born):
-    while _born(pid) == born:
+    stopped = Path(STOPPED.format(pid)).absolute()
+    while _born(pid) == born and not stopped.exists():
         time.sleep(SECONDS)
     os._exit(1)
 

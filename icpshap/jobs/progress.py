@@ -3,8 +3,6 @@
 import logging
 import time
 
-from icpshap.jobs.logs import INTERRUPTED
-
 # What these events of snakemake say, the lines of this module say shorter; its log file keeps them.
 REPLACED = {
     "workflow_started",
@@ -17,14 +15,21 @@ REPLACED = {
 CHATTER = ("Select jobs to execute", "Execute ")
 
 
-def replace_job_lines(logger, progress, is_dry_run):
+def replace_job_lines(logger, progress, is_dry_run, is_stopped):
     """Let `progress` say on the terminal what `logger`'s own handler would say of jobs.
 
     A dry run (known only once the workflow is set up) keeps snakemake's lines, which give reasons.
+    Of a run that was stopped nothing is said but that: its jobs failed since they were stopped.
     """
+
+    def is_shown(record):
+        if is_stopped() and record.levelno > logging.INFO:
+            return record.msg == STOPPED
+        return is_dry_run() or not is_replaced(record)
+
     for handler in logger.handlers:
         if not isinstance(handler, logging.FileHandler):
-            handler.addFilter(lambda record: is_dry_run() or not is_replaced(record))
+            handler.addFilter(is_shown)
     progress.addFilter(lambda record: not is_dry_run())
     logger.addHandler(progress)
 
@@ -90,23 +95,16 @@ class Progress(logging.Handler):
         )
 
 
+STOPPED = "Stopped. The same command goes on where this run was; finished jobs are kept."
+
+
 def failure(logs):
-    """What a run that failed or was stopped ends with; logs: those of the jobs that failed."""
-    if any(INTERRUPTED in _text(log) for log in logs):
-        return STOPPED
+    """What a run that failed ends with; logs: those of the jobs that failed."""
     where = "".join(f"\n  {log}{_killed(log)}" for log in logs)
     return (
         f"{len(logs)} job(s) failed; what they said is in{where}\n"
         "Hint: mend the cause and run the same command again; finished jobs are kept."
     )
-
-
-STOPPED = "Stopped. The same command goes on where this run was; finished jobs are kept."
-
-
-def stop_in_words(*_):
-    """Handler of Ctrl-C while jobs are planned: Snakemake itself would print a traceback."""
-    raise SystemExit(STOPPED)
 
 
 def _text(log):

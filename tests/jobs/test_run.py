@@ -2,15 +2,18 @@
 
 import io
 import logging
+import os
 import re
 import subprocess
+import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
+from conftest import REPOSITORY
 
-from icpshap.jobs import progress
+from icpshap.jobs import parents, progress
 from icpshap.jobs import provenance as record
 
 # --- provenance -----------------------------------------------------------------------------------
@@ -84,9 +87,16 @@ def watched():
         terminal, lambda: (20, 2000), lambda wildcards: (5, 500), ("run_icp",), clock
     )
     dry = SimpleNamespace(run=False)
-    progress.replace_job_lines(logger, lines, lambda: dry.run)
+    stopped = SimpleNamespace(run=False)
+    progress.replace_job_lines(logger, lines, lambda: dry.run, lambda: stopped.run)
     return SimpleNamespace(
-        logger=logger, lines=lines, terminal=terminal, own=own, clock=clock, dry=dry
+        logger=logger,
+        lines=lines,
+        terminal=terminal,
+        own=own,
+        clock=clock,
+        dry=dry,
+        stopped=stopped,
     )
 
 
@@ -137,12 +147,12 @@ def test_a_job_that_said_nothing_was_killed(tmp_path, log, says):
     assert (says in said) if says else "killed" not in said
 
 
-def test_a_run_that_was_stopped_says_how_to_go_on(tmp_path):
-    path = tmp_path / "0.log"
-    path.write_text("Interrupted.\n")
-    assert progress.failure([str(path)]) == (
-        "Stopped. The same command goes on where this run was; finished jobs are kept."
-    )
+def test_of_a_run_that_was_stopped_only_that_is_said(watched):
+    """Its jobs failed since they were stopped; nobody has to mend anything."""
+    watched.stopped.run = True
+    watched.logger.error("Error in rule run_icp", extra={"event": "job_error", "log": []})
+    watched.logger.error(progress.STOPPED)
+    assert watched.own.getvalue() == f"{progress.STOPPED}\n"
 
 
 def test_a_dry_run_keeps_snakemakes_own_lines(watched):
@@ -158,6 +168,40 @@ def test_durations(seconds, text):
     assert progress.duration(seconds) == text
 
 
-def test_ctrl_c_before_the_first_job_ends_in_words():
-    with pytest.raises(SystemExit, match="The same command goes on"):
-        progress.stop_in_words(2, None)
+class TestCtrlC:
+    @pytest.fixture(autouse=True)
+    def folder(self, tmp_path, monkeypatch):
+        (tmp_path / ".snakemake").mkdir()
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.delenv(parents.PARENT, raising=False)
+        monkeypatch.setenv(parents.PARENT, "")  # so that what be_parent sets is undone
+        parents.be_parent()
+
+    def test_before_the_first_job_it_ends_in_words(self):
+        with pytest.raises(SystemExit, match="how to go on"):
+            parents.CtrlC("how to go on")(2, None)
+
+    def test_jobs_end_and_snakemake_hears_of_it(self, tmp_path):
+        code = "import time; from icpshap.jobs import parents; parents.end_with_parent(); "
+        job = subprocess.Popen(
+            [sys.executable, "-c", code + "time.sleep(60)"],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        )
+        handler = parents.CtrlC("")
+        handler.has_jobs = True
+        with pytest.raises(KeyboardInterrupt):
+            handler(2, None)
+        assert handler.pressed
+        assert job.wait(timeout=30) == 1
+
+    def test_a_new_run_begins_unstopped(self, tmp_path):
+        marker = tmp_path / parents.STOPPED.format(os.getpid())
+        marker.touch()
+        parents.be_parent()
+        assert not marker.exists()
+
+    def test_a_shell_that_starts_a_job_is_deaf_to_it(self):
+        command = f"{parents.DEAF} kill -INT $$; echo alive"
+        done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+        assert done.stdout == "alive\n"

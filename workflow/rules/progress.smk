@@ -22,10 +22,12 @@ def planned_settings_and_runs():
     return [sum(part) for part in zip(*counts)] or [0, 0]
 
 
+CTRL_C = parents.CtrlC(progress.STOPPED)
 JOB_LINES = progress.Progress(sys.stderr, planned_settings_and_runs, settings_and_runs, ESTIMATING)
 if workflow.is_main_process:
-    signal.signal(signal.SIGINT, progress.stop_in_words)
-    progress.replace_job_lines(logger, JOB_LINES, lambda: workflow.dryrun)
+    signal.signal(signal.SIGINT, CTRL_C)
+    shell.prefix(parents.DEAF)
+    progress.replace_job_lines(logger, JOB_LINES, lambda: workflow.dryrun, lambda: CTRL_C.pressed)
     parents.be_parent()
     look_at_what_is_there()
 else:
