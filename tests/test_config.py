@@ -56,7 +56,7 @@ def test_the_paper_is_the_default(paper):
     assert paper.estimators == {"paper": PAPER, "released_code": RELEASED_CODE, "robust": ROBUST}
 
 
-@pytest.mark.parametrize("name", ["demo", "released_code", "robust"])
+@pytest.mark.parametrize("name", ["all_causes", "demo", "released_code", "robust"])
 def test_every_shipped_override_loads(config, name):
     update_config(config, yaml.safe_load((REPOSITORY / f"config/{name}.yaml").read_text()))
     loaded = configuration.load(config)
