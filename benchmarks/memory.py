@@ -7,7 +7,7 @@ It is measured in a process of its own, which does what the rule's script does: 
 from tables, estimates the settings (`icpshap.estimators.estimate`) by the chain of the paper, and
 writes the runs. Its peak is the operating system's count, imports and compiled code included; the
 compilation itself, which costs 150 MB more once on a machine, is done before. What the rule asks
-for is read from workflow/rules/registration.smk; null, if it is no number there.
+for is read from workflow/rules/registration.smk.
 
 Prints a table and, as its last line, a JSON list of the cases. Takes half an hour and 5 GB, half of
 it at 10 million points; `--largest 1000000` 7 minutes; `--quick` makes everything small.
@@ -117,12 +117,12 @@ def job(folder, *case):
     return {"peak_mb": peak, "seconds": time.perf_counter() - start}
 
 
-def asked():
-    """mem_mb of the rule, None if it is computed."""
+def asked(points):
+    """mem_mb of the rule for scans of so many points."""
     rules = (REPOSITORY / "workflow" / "rules" / "registration.smk").read_text()
     rule = rules[rules.index("rule run_icp:") :]
-    number = re.search(r"mem_mb=(\d+),", rule)
-    return number and int(number.group(1))
+    base, per_million = re.search(r"mem_mb=memory_of_scans\((\d+), (\d+)\)", rule).groups()
+    return int(base) + round(int(per_million) * points / MILLION)
 
 
 def apart(function, *arguments):
@@ -146,7 +146,7 @@ def measured(cases):
                 apart("job", folder, *cases[0]._replace(settings=1, runs=2))  # compiles, if need be
             for case in of_size:
                 found = apart("job", folder, *case)
-                yield case, found["peak_mb"], asked(), found["seconds"]
+                yield case, found["peak_mb"], asked(points), found["seconds"]
 
 
 def main():

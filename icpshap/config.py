@@ -100,7 +100,7 @@ def load(config):
     error.
     """
     kinds = _kinds(config)
-    rules = schema.with_kinds({name: kind for name, kind in kinds.items() if kind in KINDS})
+    rules = schema.with_kinds({name: kind for name, kind in kinds.items() if kind in list(KINDS)})
     config = _coerce(config, rules)
     non_finite = dict(_non_finite(config))
     violations = [
@@ -253,7 +253,7 @@ def _inherited(blocks, name):
     block, names = blocks[name], [name]
     while "based_on" in block:
         base = block["based_on"]
-        if base not in blocks:
+        if not isinstance(base, str) or base not in blocks:
             raise _Unresolved(f"{names[-1]}.based_on: {_unknown(base, blocks)}")
         if base in names:
             raise _Unresolved(f"{name}.based_on: circle {' -> '.join([*names, base])}")
@@ -289,7 +289,8 @@ def _inconsistencies(config, broken):
         return
     data, estimators, experiments = config["data"], config["estimators"], config["experiments"]
     for key, names, section in (("sequences", data, "data"), ("run", experiments, "experiments")):
-        for name in config[key] if (key,) not in broken else []:
+        # A violation may lie in an entry of the list: its path is longer than the key's.
+        for name in [] if any(path[:1] == (key,) for path in broken) else config[key]:
             if name not in names:
                 yield f"{key}: {_unknown(name, names)} Hint: define it under {section}"
     for section, names in RESERVED.items():

@@ -4,6 +4,7 @@ Pages carry checksums; a digest over schema, metadata and values covers what the
 footer). A file is written beside its place, brought to the disk and renamed.
 """
 
+import errno
 import hashlib
 import json
 import os
@@ -15,7 +16,7 @@ import pyarrow.parquet as pq
 
 from icpshap.errors import UserError
 
-ABOUT, DIGEST = b"icpshap", b"digest"
+ABOUT, DIGEST, ABOUT_DIGEST = b"icpshap", b"digest", b"icpshap_digest"
 
 
 class StorageError(UserError):
@@ -23,18 +24,28 @@ class StorageError(UserError):
 
 
 def write(path, table, about):
-    """Write an Arrow table with the mapping `about`, which JSON can hold, as its metadata."""
+    """Write an Arrow table with the mapping `about`, which JSON can hold, as its metadata.
+
+    Raises StorageError if the file cannot be written; what was there before stays.
+    """
     told = json.dumps(about, sort_keys=True).encode()
-    digest = _digest(table, told).encode()
-    table = table.replace_schema_metadata({ABOUT: told, DIGEST: digest})
+    digests = {DIGEST: _digest(table, told), ABOUT_DIGEST: _digest_of(told)}
+    table = table.replace_schema_metadata({ABOUT: told, **digests})
     path = Path(path)
     temporary = path.with_name(path.name + ".part")
-    with open(temporary, "wb") as file:
-        pq.write_table(table, file, write_page_checksum=True)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, path)
-    _sync_folder(path.parent)
+    try:
+        with open(temporary, "wb") as file:
+            pq.write_table(table, file, write_page_checksum=True)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+        _sync_folder(path.parent)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise StorageError(
+            f"{path}: cannot be written: {error.strerror or error}.\n"
+            "Hint: make room on the disk, or check the permissions of the folder."
+        ) from None
 
 
 def read(path):
@@ -50,27 +61,57 @@ def read(path):
     except (OSError, ValueError, pa.ArrowException) as error:
         raise _damaged(path, str(error).splitlines()[0] if str(error) else "unreadable") from None
     metadata = table.schema.metadata or {}
-    told = metadata.get(ABOUT, b"")
-    if metadata.get(DIGEST, b"").decode(errors="replace") != _digest(table, told):
+    about = _checked_about(path, metadata)
+    if metadata.get(DIGEST) != _digest(table, metadata[ABOUT]):
         raise _damaged(path, "its content does not have the digest that was written with it")
-    return table, json.loads(told)
+    return table, about
 
 
 def read_about(path):
     """What `write` was told of a file; nothing else of it is read or checked.
 
-    Raises StorageError if there is no such file or its end cannot be read.
+    Raises StorageError if there is no such file, or its end cannot be read or is not what was
+    written.
     """
     try:
         metadata = pq.read_schema(path).metadata or {}
-        return json.loads(metadata.get(ABOUT, b"{}"))
     except (OSError, ValueError, pa.ArrowException) as error:
         raise _damaged(path, str(error).splitlines()[0] if str(error) else "unreadable") from None
+    return _checked_about(path, metadata)
+
+
+def number_of_rows(path):
+    """Rows of a file; 0 if it is damaged, which who reads it says. FileNotFoundError if none."""
+    if not os.path.exists(path):
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+    try:
+        return pq.read_metadata(path).num_rows
+    except (OSError, pa.ArrowException):
+        return 0
 
 
 def digest_of(mapping):
     """Short digest of a mapping that JSON can hold; lists and tuples are alike."""
     return hashlib.sha256(json.dumps(mapping, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _checked_about(path, metadata):
+    """What `write` was told, of the metadata of a file; StorageError if they are not as written."""
+    if ABOUT not in metadata:
+        raise _damaged(path, "it has none of the metadata that are written")
+    told = metadata[ABOUT]
+    # Files of earlier versions have no such digest; their whole one is checked when they are read.
+    same = metadata.get(ABOUT_DIGEST, _digest_of(told)) == _digest_of(told)
+    if not same or set(metadata) - {ABOUT, ABOUT_DIGEST, DIGEST}:
+        raise _damaged(path, "its metadata do not have the digest that was written with it")
+    try:
+        return json.loads(told)
+    except ValueError:
+        raise _damaged(path, "its metadata are no JSON") from None
+
+
+def _digest_of(told):
+    return hashlib.sha256(told).hexdigest()[:32].encode()
 
 
 def _damaged(path, why):
@@ -87,7 +128,7 @@ def _digest(table, told):
         described = sorted((field.metadata or {}).items())
         digest.update(repr((field.name, str(field.type), described, len(column))).encode())
         digest.update(_bytes(column))
-    return digest.hexdigest()[:32]
+    return digest.hexdigest()[:32].encode()
 
 
 def _bytes(column):

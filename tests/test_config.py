@@ -371,6 +371,10 @@ GRID = "experiments.different_perturbations"
 
 # Of causes, estimators and couples.
 MORE_MISTAKES = [
+    ("estimators.paper.kind", ["monte_carlo"], "estimators.paper.kind"),
+    ("estimators.released_code.based_on", ["paper"], "estimators.released_code.based_on"),
+    ("sequences", [["apartment"]], "sequences"),
+    ("run", [{"a": 1}], "run"),
     (
         f"{SAME}.instances.fixed.sensor_nois",
         0.1,

@@ -1,5 +1,8 @@
 """Parquet files that say when they are not what was written."""
 
+import errno
+import json
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -62,6 +65,23 @@ def test_one_flipped_bit_is_never_read_in_silence(path, seed):
             assert table.equals(expected[0], check_metadata=True) and about == expected[1]
 
 
+def test_a_flipped_bit_of_what_decided_a_file_is_never_read_in_silence(path):
+    """Who only asks for it reads nothing else. It is stored twice, in the clear and in base 64."""
+    whole = path.read_bytes()
+    footer = len(whole) - 8 - int.from_bytes(whole[-8:-4], "little")
+    named = 0
+    for position in range(footer, len(whole)):
+        damaged = bytearray(whole)
+        damaged[position] ^= 1
+        path.write_bytes(damaged)
+        try:
+            assert storage.read_about(path) == ABOUT
+        except StorageError as error:
+            assert str(path) in str(error)
+            named += "digest that was written with it" in str(error)
+    assert named > len(json.dumps(ABOUT))
+
+
 @pytest.mark.parametrize("length", [0, 3, 4, 100, -1, -4])
 def test_a_file_that_is_cut_off_is_named(path, length):
     path.write_bytes(path.read_bytes()[:length])
@@ -74,8 +94,22 @@ def test_garbage_and_other_programs_files_are_named(path):
     with pytest.raises(StorageError, match=r"scan\.parquet"):
         storage.read(path)
     pq.write_table(pa.table({"x": [1.0]}), path)
-    with pytest.raises(StorageError, match="does not have the digest"):
+    with pytest.raises(StorageError, match="none of the metadata that are written"):
         storage.read(path)
+
+
+def test_a_disk_without_room_is_named_and_the_old_file_stays(path, monkeypatch):
+    def no_room(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    table, about = storage.read(path)
+    monkeypatch.setattr(storage.os, "fsync", no_room)
+    with pytest.raises(
+        StorageError, match=r"scan\.parquet: cannot be written: No space left.*\nHint"
+    ):
+        storage.write(path, table.slice(0, 1), about)
+    assert storage.read(path)[0].equals(table)
+    assert [found.name for found in path.parent.iterdir()] == [path.name]
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):
@@ -89,3 +123,14 @@ def test_a_table_without_rows_has_a_digest_too(tmp_path):
     path = tmp_path / "empty.parquet"
     tables.write(path, tables.empty("runs", ["sensor_noise"]), "runs", causes=["sensor_noise"])
     assert len(tables.read(path, "runs")) == 0
+
+
+def test_rows_are_counted_without_reading_them(path):
+    assert storage.number_of_rows(path) == 40
+    path.write_bytes(b"damaged")
+    assert storage.number_of_rows(path) == 0
+    path.unlink()
+    # Snakemake takes the name as the sign of a file that is yet to be made.
+    with pytest.raises(FileNotFoundError) as error:
+        storage.number_of_rows(path)
+    assert error.value.filename == str(path)

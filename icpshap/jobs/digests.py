@@ -30,8 +30,8 @@ def code_digest(script, plugins=()):
 
 @cache
 def _digest(*files):
-    seen = {}
     script, *plugins = map(Path, files)
+    seen = {script: True}
     _imported(script, seen)
     for path in plugins:
         seen[path] = True

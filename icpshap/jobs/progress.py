@@ -116,7 +116,10 @@ def _killed(log):
     """A remark on a job that said nothing of an error: it was killed, and could not."""
     if "Error" in _text(log):
         return ""
-    return " (no error in it: killed from outside? If memory ran out, raise mem_mb or use -j1)"
+    return (
+        " (no error in it: killed from outside? If memory ran out, raise mem_mb or use -j1; "
+        "or is the disk full?)"
+    )
 
 
 def duration(seconds):

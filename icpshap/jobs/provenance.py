@@ -8,6 +8,7 @@ import platform
 import subprocess
 from datetime import UTC, datetime
 from importlib import metadata
+from math import isfinite
 from pathlib import Path
 
 import pandas as pd
@@ -105,7 +106,8 @@ def job_times(logs, names):
 def _seconds(file):
     """The seconds that a benchmark file tells; None if it is broken, as a kill leaves it."""
     try:
-        return float(pd.read_csv(file, sep="\t")["s"].iloc[0])
+        found = float(pd.read_csv(file, sep="\t")["s"].iloc[0])
+        return found if isfinite(found) else None
     except (ValueError, KeyError, IndexError, OSError):
         return None
 

@@ -58,8 +58,8 @@ def look(planner, experiments, sequences, puts_aside=True):
     where this is only looked at.
     """
     stale = []
-    for path, plan in planned_files(planner, experiments, sequences):
-        if difference := _difference(path, plan) or _newly_registered(path, plan, planner):
+    for path, table, plan in planned_files(planner, experiments, sequences):
+        if difference := _difference(path, table, plan) or _newly_registered(path, plan, planner):
             if puts_aside:
                 os.replace(path, f"{path}{STALE}")
             stale.append((path, difference))
@@ -101,15 +101,15 @@ def _put_aside_what_follows(planner, experiments, stale):
 
 
 def planned_files(planner, experiments, sequences):
-    """(path, plan) of every file that is there and has a plan."""
-    for path, plan in _plans(planner, experiments, sequences):
+    """(path, name of the table, plan) of every file that is there and has a plan."""
+    for path, table, plan in _plans(planner, experiments, sequences):
         if os.path.exists(path):
-            yield path, plan()
+            yield path, table, plan()
 
 
 def unplanned_files(planner, experiments, sequences):
     """Files of runs, estimates and pairs that are there, of jobs and pairs that are not planned."""
-    planned = {Path(path) for path, _ in _plans(planner, experiments, sequences)}
+    planned = {Path(path) for path, *_ in _plans(planner, experiments, sequences)}
     for experiment, sequence in _selected(planner, experiments, sequences):
         names = {"experiment": experiment, "sequence": sequence}
         for template in (paths.RUNS, paths.ESTIMATES, paths.PAIR):
@@ -117,12 +117,15 @@ def unplanned_files(planner, experiments, sequences):
             yield from (path for path in sorted(folder.glob("*.parquet")) if path not in planned)
 
 
-def _difference(path, plan):
-    """How a file's plan differs from the one it should have, in words; "" if it does not."""
+def _difference(path, table, plan):
+    """How a file differs from the one that should lie there, in words; "" if it does not."""
     try:
-        found = storage.read_about(path).get("plan", {})
+        about = storage.read_about(path)
     except UserError:
         return "it cannot be read"
+    if about.get("table") != table:
+        return f"it is a table of {about.get('table')}"
+    found = about.get("plan", {})
     if plans.digest(found) == plans.digest(plan):
         return ""
     return plans.difference(found, plan)
@@ -154,18 +157,18 @@ def _selected(planner, experiments, sequences):
 
 
 def _plans(planner, experiments, sequences):
-    """(path, function that makes the plan) of every file that the selection may make."""
+    """(path, table, function that makes the plan) of every file that the selection may make."""
     for sequence in sequences:
-        yield at(paths.POSES, sequence=sequence), lambda s=sequence: planner.poses(s)
+        yield at(paths.POSES, sequence=sequence), "poses", lambda s=sequence: planner.poses(s)
         for index in range(planner.config.data[sequence].scans):
             path = at(paths.SCAN, sequence=sequence, index=index)
-            yield path, lambda s=sequence, k=index: planner.scan(s, k)
+            yield path, "scan", lambda s=sequence, k=index: planner.scan(s, k)
     for name, sequence in _selected(planner, experiments, sequences):
         yield from _plans_of(planner, name, sequence)
     for name in experiments:
         for table in OF_EXPLANATION:
             path = at(paths.OF_EXPERIMENT, experiment=name, table=table)
-            yield path, lambda n=name: planner.joined(n)
+            yield path, table, lambda n=name: planner.joined(n)
 
 
 def _plans_of(planner, name, sequence):
@@ -173,14 +176,18 @@ def _plans_of(planner, name, sequence):
     for pair in planner.config.experiments[name].pairs[sequence]:
         indices = {"reference": pair[0], "source": pair[1]}
         overlap = at(paths.OVERLAP, sequence=sequence, **indices)
-        yield overlap, lambda p=pair: planner.overlap(sequence, p)
-        yield at(paths.PAIR, **names, **indices), lambda p=pair: planner.pair(name, sequence, p)
+        yield overlap, "overlap", lambda p=pair: planner.overlap(sequence, p)
+        checked = at(paths.PAIR, **names, **indices)
+        yield checked, "pairs", lambda p=pair: planner.pair(name, sequence, p)
     returns = planner.estimator(name).kind.returns
-    made = [(paths.RUNS, returns.samples), (paths.ESTIMATES, returns.covariances)]
+    made = [
+        (paths.RUNS, "runs", returns.samples),
+        (paths.ESTIMATES, "estimates", returns.covariances),
+    ]
     for job in range(len(planner.jobs(name, sequence))):
-        for template in (template for template, is_made in made if is_made):
+        for template, table in ((template, table) for template, table, is_made in made if is_made):
             path = at(template, **names, job=job)
-            yield path, lambda k=job: planner.job(name, sequence, k)
+            yield path, table, lambda k=job: planner.job(name, sequence, k)
     for table in OF_EXPLANATION:
         path = at(paths.OF_SEQUENCE, **names, table=table)
-        yield path, lambda: planner.explanation(name, sequence)
+        yield path, table, lambda: planner.explanation(name, sequence)

@@ -314,6 +314,13 @@ class TestStart:
     def test_only_a_run_makes_files(self, command, expected):
         assert start.is_run(command.split()) == expected
 
+    def test_a_table_in_the_place_of_another_of_the_same_plan(self, there):
+        planner, *_ = there
+        shap = at(paths.OF_SEQUENCE, experiment=GRID, sequence=ROOM, table="shap")
+        write(shap, "uncertainty", planner.explanation(GRID, ROOM))
+        (line,) = self.look(planner)
+        assert "shap.parquet (it is a table of uncertainty)" in line
+
     def test_what_cannot_be_read_is_made_again(self, there):
         planner, _, runs = there
         Path(runs[0]).write_bytes(b"")

@@ -54,7 +54,7 @@ def test_job_times_count_the_selected_only(tmp_path):
     assert times.to_numpy().tolist() == [["run_icp", 2, 6.5, 4.0]]
 
 
-@pytest.mark.parametrize("text", ["", "s\n", "h:m:s\n0:00:01\n", "\x00\x01"])
+@pytest.mark.parametrize("text", ["", "s\n", "h:m:s\n0:00:01\n", "s\ninf\n", "\x00\x01"])
 def test_broken_benchmark_files_are_passed_over(tmp_path, text):
     """A kill or a full disk leaves them; the report does not fail on them."""
     folder = tmp_path / "run_icp" / "chosen"

@@ -128,8 +128,12 @@ def test_a_sample_counts_as_much_as_it_weighs():
 def test_a_pair_that_was_not_registered_is_still_shown():
     runs = runs_table([WATERFALL]).iloc[:0]
     empty = scene.make_scene(PAIR, EVERY_REFERENCE_POINT, KEPT, runs, WATERFALL, METHOD)
-    text = scene.caption(empty, STUDY, pair_row(reason="overlap ratio 0.08 is not above 0.1"))
+    row = pair_row(
+        reason="overlap ratio 0.08 is not above 0.1", warning="looks wrong. Hint: units."
+    )
+    text = scene.caption(empty, STUDY, row)
     assert "Not registered: overlap ratio 0.08 is not above 0.1." in text
+    assert text.endswith("Warning: looks wrong. Hint: units.")
     figure = scene.picture(empty)
     assert figure.subfigs[1].texts[0].get_text() == "This pair was not registered."
     assert "translation" in scene.page(empty, "a pair", text)

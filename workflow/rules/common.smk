@@ -1,11 +1,12 @@
 """The configuration, and the questions that rules ask of it."""
 
 import csv
+import re
 import sys
 import time
 from dataclasses import asdict
 
-from icpshap import config as configuration, options
+from icpshap import config as configuration, options, storage
 from icpshap.data import citation
 from icpshap.data.folder import find_folder_files
 from icpshap.errors import DataError, UserError
@@ -280,6 +281,21 @@ def runs_of_scene(wildcards):
         if any(part.pair == pair for part in parts)
     ]
     return of_jobs(paths.RUNS, wildcards, jobs) if returns_of(wildcards).samples else []
+
+
+def memory_of_scans(base, per_million):
+    """Resource mem_mb of a rule that reads scans, told when they are there.
+
+    base, per_million: megabytes, and those for each million points of the larger scan; measured
+    by `python -m benchmarks.memory`.
+    """
+
+    def mem_mb(wildcards, input):
+        scans = [path for path in input if re.search(r"/scan_\d+\.parquet$", path)]
+        points = max(storage.number_of_rows(path) for path in scans)
+        return base + round(per_million * points / 1e6)
+
+    return mem_mb
 
 
 def shap_of_scope(wildcards):

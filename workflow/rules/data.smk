@@ -23,7 +23,7 @@ rule fetch_scan:
     priority: 20
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
         download=1,
     params:
         archive=lambda wildcards: sequence_of(wildcards).archive,
@@ -74,7 +74,7 @@ rule read_scan:
     priority: 20
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=lambda wildcards, input: 300 + round(10 * input.size_mb),
     params:
         plan=plan_of_scan,
     script:
@@ -141,7 +141,7 @@ rule measure_overlap:
     priority: 20
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=memory_of_scans(300, 250),
     params:
         plan=plan_of_overlap,
     script:

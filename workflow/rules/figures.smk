@@ -72,7 +72,7 @@ rule draw_scene:
         "logs/draw_scene/{experiment}/{sequence}/{reference}-{source}.tsv"
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=memory_of_scans(500, 250),
     params:
         code=code_of_experiment("draw_scene"),
         plugins=plugins_of,

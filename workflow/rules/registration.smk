@@ -24,7 +24,7 @@ rule check_pair:
     priority: 10
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=memory_of_scans(300, 250),
     params:
         plan=plan_of_pair,
     script:
@@ -48,7 +48,7 @@ rule run_icp:
         experiment=experiments_that_return(samples=True, covariances=False),
     threads: 1
     resources:
-        mem_mb=1500,
+        mem_mb=memory_of_scans(1050, 450),
     params:
         plan=plan_of_job,
         scans=scans_of,

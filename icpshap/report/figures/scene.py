@@ -146,7 +146,7 @@ def _wrong_basins(scene):
 def _remarks(scene, row):
     remarks = [("Not registered", row.reason), ("Warning", row.warning)]
     without = [scene.no_poses] if scene.no_poses in (NO_SAMPLES, TOO_FEW) else []
-    return [*without, *(f"{kind}: {remark}." for kind, remark in remarks if remark)]
+    return [*without, *(f"{kind}: {remark.rstrip('.')}." for kind, remark in remarks if remark)]
 
 
 # --- the picture ----------------------------------------------------------------------------------
