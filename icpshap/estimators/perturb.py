@@ -189,17 +189,16 @@ def groups(pair, settings, estimator, deviation, streams):
 def require_points(pair, setting, estimator, streams):
     """Raise PerturbationError if the causes of a setting leave a run fewer than FEWEST_POINTS.
 
-    Counted on the raw source, before anything moves its points.
+    In the mean of its runs: single ones may have too few links, and are then left out. Counted on
+    the raw source, before anything moves its points.
     """
     draws = Draws(pair, estimator, None, streams)
     in_range = np.linalg.norm(pair.source, axis=1) > estimator.perturbing.minimum_range
-    left = min(
-        len(rows)
-        for noise_draw, runs in enumerate(draws.shares())
-        for rows in draws.thinned(
-            draws.rows(draws.kept(setting, "source", noise_draw) & in_range, runs), setting, runs
-        )
-    )
+    counts = []
+    for noise_draw, runs in enumerate(draws.shares()):
+        usable = draws.kept(setting, "source", noise_draw) & in_range
+        counts += [len(rows) for rows in draws.thinned(draws.rows(usable, runs), setting, runs)]
+    left = np.mean(counts)
     if left < FEWEST_POINTS:
         on = _on(estimator.causes.values(), setting)
         removing = [(cause, level) for cause, level in on if cause.hook() in ("keep", "thin")]
@@ -207,8 +206,8 @@ def require_points(pair, setting, estimator, streams):
             f"{streams.sequence}, scans {streams.reference} and {streams.source}: "
             f"{', '.join(f'{cause.name} {level:g}' for cause, level in removing)} and "
             f"subsampling_probability {estimator.perturbing.subsampling_probability:g} leave a run "
-            f"{left} of {in_range.sum()} source points beyond the minimum range, expected at least "
-            f"{FEWEST_POINTS}.\nHint: smaller levels of these causes, or a larger "
+            f"{left:.1f} of {in_range.sum()} source points beyond the minimum range in the mean, "
+            f"expected at least {FEWEST_POINTS}.\nHint: smaller levels of these causes, or a larger "
             "subsampling_probability."
         )
 

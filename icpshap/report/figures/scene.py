@@ -58,7 +58,7 @@ class Scene:
 
     def on(self, players):
         """Those of the causes that are on."""
-        return [cause for cause in players if self.values[cause.name] != cause.off]
+        return [c for c in players if self.values.get(c.name, c.off) != c.off]
 
 
 def make_scene(pair, kept_reference, kept_source, runs, values, method):
