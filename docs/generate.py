@@ -17,6 +17,7 @@ import yaml
 from matplotlib.patches import Rectangle
 
 from icpshap import causes, options, presets, schema
+from icpshap.causes._sensors import SENSORS
 from icpshap.estimators import KINDS, option_owners
 from icpshap.explanation import shapley
 from icpshap.explanation.method import Method
@@ -89,7 +90,16 @@ CAUSES = """\
 
 What `grid` and `fixed` of an experiment may name. A level must lie in the range. *off* is the
 reference value, at which a cause changes nothing (but for `overlap_removal: noisy`, which acts
-there too). How to add a cause: [extending.md](extending.md#a-cause).
+there too). How each acts: [causes.md](causes.md). How to add one:
+[extending.md](extending.md#a-cause).
+"""
+
+SENSORS_PART = """\
+### `sensor`
+
+With a scanner named, the noise of a point at the range r has the standard deviation *published*
+times the level, so that 1 is as published; the level then has no unit. Mind what the source says:
+an *accuracy* is no standard deviation, and is taken as one for want of better.
 """
 
 LEVELS = """\
@@ -235,9 +245,19 @@ def _causes():
     return [
         CAUSES,
         _table(header, rows),
+        SENSORS_PART,
+        _sensors(),
         LEVELS,
         _table(["key", "value", "meaning"], rows_of_levels),
     ]
+
+
+def _sensors():
+    rows = [
+        [f"`{key}`", sensor.title, sensor.says, sensor.formula, sensor.source]
+        for key, sensor in SENSORS.items()
+    ]
+    return _table(["value", "scanner", "what is published", "published [m]", "source"], rows)
 
 
 def _kind(value):
@@ -325,6 +345,7 @@ intervals, noise floor and warnings mean: [uncertainty.md](uncertainty.md).
 
 PLACES = {
     "scan": paths.SCAN,
+    "timed_scan": paths.SCAN,
     "poses": paths.POSES,
     "overlap": paths.OVERLAP,
     "runs": paths.RUNS,
@@ -332,6 +353,7 @@ PLACES = {
 }
 ROWS = {
     "scan": "a point",
+    "timed_scan": "a point of a scan whose file says when it was measured",
     "poses": "a scan",
     "overlap": "a source point, in the order of its scan",
     "pairs": "a pair, registered or not",

@@ -35,6 +35,7 @@ class Sequence:
     title: str
     scans: int
     drop_non_finite: bool
+    time: str | None
     archive: dict | None
     folder: dict | None
     simulated: dict | None
@@ -204,6 +205,7 @@ def _sequence(key, block):
         title=block.get("title", key),
         scans=block["scans"],
         drop_non_finite=block.get("drop_non_finite", False),
+        time=block.get("time"),
         **{kind: block.get(kind) for kind in DATA_KINDS},
     )
 
@@ -323,6 +325,11 @@ def _sequence_inconsistencies(where, block):
             f"found {', '.join(kinds) or 'none'}. "
             "Hint: `archive: null` unsets a key of config.yaml"
         )
+    if block.get("simulated") is not None and "time" in block:
+        yield (
+            f"{where}.time: simulated scans have no columns, expected none. "
+            "Hint: leave it out; scan_order: tilt is the order in which they are measured"
+        )
     archive = block.get("archive")
     if archive is not None and not {"url", "path"} & set(archive):
         yield f"{where}.archive: expected url, or path for a ZIP on disk"
@@ -362,6 +369,8 @@ def _estimator_inconsistencies(name, estimators):
             f"kind {kind} does not return, or noise draws, of which there is one. "
             "Hint: use none, or more noise_draws"
         )
+    for conflict in filter(None, (c.conflict for c in preset.estimator.causes.values())):
+        yield f"estimators.{name}.{conflict}"
     runs = preset.estimator.number_of_runs
     if runs % draws:
         yield f"estimators.{name}.noise_draws: {draws} does not divide runs: {runs}"
@@ -383,6 +392,16 @@ def _what_the_estimator_cannot(where, block, estimators):
                 f"{where}.estimator: the kind {preset.estimator.kind.name} cannot see "
                 f"{cause.name}. "
                 f"Hint: name only {', '.join(sees)}, or another estimator"
+            )
+    draws = preset.estimator.perturbing.noise_draws
+    for cause in players:
+        if draws < cause.fewest_noise_draws:
+            yield (
+                f"{where}.estimator: {cause.name} with noise_draws: {draws} of "
+                f"{block['estimator']}, expected at least {cause.fewest_noise_draws}: all runs of "
+                "a noise draw share its error, which only many draws can show. "
+                f"Hint: noise_draws: {cause.fewest_noise_draws}, in an estimator of its own, or "
+                f"leave out {cause.name}"
             )
     replacing = [cause for cause in preset.estimator.causes.values() if cause.acts_when_off]
     for cause in players if replacing else []:

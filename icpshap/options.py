@@ -34,19 +34,22 @@ class Range:
         return {keyword: limit for keyword, limit in keywords.items() if limit is not None}
 
 
-def option(default, meaning, *, unit=None, choices=None, schema=None, **limits):
+def option(default, meaning, *, unit=None, choices=None, schema=None, variant=False, **limits):
     """The field of an option.
 
     meaning: what it is, as documentation and errors say it, without the full stop; unit: "-" for a
     number without one, None for what is no number; choices: the only values; limits: of a `Range`;
     schema: JSON schema of a value that is more than a number, a word or a truth value, or a
-    function that makes it when it is asked for.
+    function that makes it when it is asked for; variant: whether any value but the default makes a
+    variant of its owner, of which plans and tables speak only then: those that were made before the
+    option existed still hold.
     """
     metadata = {
         "meaning": meaning + (f" [{unit}]" if unit else "") + ".",
         "choices": choices,
         "range": Range(**limits),
         "schema": schema or {},
+        "variant": variant,
     }
     return field(default=default, metadata=metadata)
 
@@ -81,6 +84,22 @@ def block(owner, description="", required=()):
 def values(owner):
     """The options of an instance, by name."""
     return {name: getattr(owner, name) for name in names(owner)}
+
+
+def variant(owner):
+    """The options by which an instance is a variant, by name; none where it is the usual one."""
+    return {
+        part.name: getattr(owner, part.name)
+        for part in _options(owner)
+        if part.metadata["variant"] and getattr(owner, part.name) != part.default
+    }
+
+
+def deciding(owner):
+    """The options of an instance as a plan holds them: those of a variant only where it is one."""
+    others = {part.name for part in _options(owner) if part.metadata["variant"]}
+    others -= set(variant(owner))
+    return {name: value for name, value in values(owner).items() if name not in others}
 
 
 def _options(owner):

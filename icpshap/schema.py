@@ -86,6 +86,12 @@ class Sequence:
         "Accept scan rows that are not finite, drop them and keep their count; otherwise they are "
         "an error",
     )
+    time: str = option(
+        None,
+        "What scan files call the column that says when each point was measured, which "
+        "motion_distortion then uses, in any unit; absent: the scans have no times",
+        schema={"type": "string", "minLength": 1, "maxLength": 100},
+    )
     archive: dict = option(
         None,
         "A ZIP in the layout of the Challenging data sets, on a server or on disk; null to unset",

@@ -112,6 +112,13 @@ def _scan(causes):
     return _columns(["x", "y", "z"], "float64", "m", "coordinate in the scanner's frame")
 
 
+def _timed_scan(causes):
+    return [
+        *_scan(causes),
+        Column("time", "float64", "", "when the point was measured, as the file says it"),
+    ]
+
+
 def _poses(causes):
     return [
         Column("scan", "int32", "", "index of the scan"),
@@ -263,6 +270,7 @@ def _resampled(causes):
 
 TABLES = {
     "scan": _scan,
+    "timed_scan": _timed_scan,
     "poses": _poses,
     "overlap": _overlap,
     "pairs": _pairs,
@@ -283,11 +291,12 @@ def columns(table, causes=()):
 def write(path, frame, table, plan=None, causes=(), **about):
     """Write a frame as the named table, whole or not at all.
 
-    plan: mapping of what decides its numbers; causes: names of those that the experiment names, for
-    a table that has columns of them; about: what else goes into the file's metadata. Raises
+    plan: mapping of what decides its numbers, and under `variants` of what the words of the causes
+    depend on; causes: names of those that the experiment names, for a table that has columns of
+    them; about: what else goes into the file's metadata. Raises
     TableError if a column is missing, unknown or not convertible.
     """
-    known = columns(table, registry.named(causes))
+    known = columns(table, registry.players(causes, (plan or {}).get("variants", {})))
     names = [column.name for column in known]
     if set(names) != set(frame.columns):
         missing, extra = set(names) - set(frame.columns), set(frame.columns) - set(names)
@@ -329,7 +338,13 @@ def read_about(path):
 
 def read_points(path):
     """Points (n, 3) [m] of a scan."""
-    return read(path, "scan")[["x", "y", "z"]].to_numpy()
+    return read(path, _scan_table(path))[["x", "y", "z"]].to_numpy()
+
+
+def read_times(path):
+    """Times (n,) of the points of a scan; None where it has none."""
+    table = _scan_table(path)
+    return read(path, table)["time"].to_numpy() if table == "timed_scan" else None
 
 
 def read_poses(path):
@@ -342,6 +357,15 @@ def empty(table, causes=()):
     return _schema(columns(table, registry.named(causes))).empty_table().to_pandas()
 
 
+def write_scan(path, points, times, plan, **about):
+    """Write the points (n, 3) of a scan, with their times (n,) or None."""
+    frame = points_frame(points)
+    if times is None:
+        write(path, frame, "scan", plan, **about)
+    else:
+        write(path, frame.assign(time=times), "timed_scan", plan, **about)
+
+
 def points_frame(points):
     return pd.DataFrame(points, columns=["x", "y", "z"])
 
@@ -349,6 +373,10 @@ def points_frame(points):
 def poses_frame(T_global_scan):
     frame = pd.DataFrame(T_global_scan.reshape(-1, 16), columns=TRANSFORM)
     return frame.assign(scan=range(len(T_global_scan)))
+
+
+def _scan_table(path):
+    return "timed_scan" if read_about(path).get("table") == "timed_scan" else "scan"
 
 
 def _causes_of(path, about):

@@ -56,7 +56,7 @@ def test_the_paper_is_the_default(paper):
     assert paper.estimators == {"paper": PAPER, "released_code": RELEASED_CODE, "robust": ROBUST}
 
 
-@pytest.mark.parametrize("name", ["demo", "released_code", "robust"])
+@pytest.mark.parametrize("name", ["all_causes", "demo", "released_code", "robust"])
 def test_every_shipped_override_loads(config, name):
     update_config(config, yaml.safe_load((REPOSITORY / f"config/{name}.yaml").read_text()))
     loaded = configuration.load(config)
@@ -546,6 +546,53 @@ def test_everything_is_said_at_once(constant):
     assert "4 error(s)" in message
     for part in ("did you mean 'constant'?", "option of the kind monte_carlo", "unknown cause"):
         assert part in message
+
+
+# --- causes that need something -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["range_bias", "motion_distortion"])
+def test_what_few_draws_cannot_show_is_refused_and_said_why(config, name):
+    config["estimators"]["mine"] = {"based_on": "robust"}
+    config["experiments"]["same_perturbation"] |= {"estimator": "mine"}
+    config["experiments"]["same_perturbation"]["instances"]["fixed"][name] = 0.02
+    for draws in (10, 20):
+        config["estimators"]["mine"]["noise_draws"] = draws
+        assert (
+            f"{SAME}.estimator: {name} with noise_draws: {draws} of mine, expected at least 25: "
+            "all runs of a noise draw share its error, which only many draws can show. Hint: "
+            "noise_draws: 25" in errors_of(config)
+        )
+    config["estimators"]["mine"]["noise_draws"] = 25
+    assert configuration.load(config).experiments["same_perturbation"].levels[name] == (0.02,)
+
+
+@pytest.mark.parametrize("share", [-0.1, 1, 1.5])
+def test_all_of_the_information_cannot_be_taken_away(config, share):
+    config["experiments"]["same_perturbation"]["instances"]["fixed"]["under_constrained"] = share
+    message = errors_of(config)
+    assert f"{SAME}.instances.fixed.under_constrained: {share} is " in message
+    assert "that is taken away, below 1" in message
+
+
+def test_a_sector_does_not_go_with_the_released_codes_overlap(config):
+    config["estimators"]["mine"] = {"based_on": "released_code", "overlap_shape": "sector"}
+    assert (
+        "estimators.mine.overlap_shape: sector removes rows of the raw source, which "
+        "overlap_removal: noisy replaces by others. Hint: use overlap_removal: raw"
+        in errors_of(config)
+    )
+
+
+def test_a_scanner_that_is_not_known_is_named(config):
+    config["estimators"]["paper"]["sensor"] = "hokuyo_utm_30l"
+    assert "unknown name 'hokuyo_utm_30l', did you mean 'hokuyo_utm_30lx'?" in errors_of(config)
+
+
+def test_simulated_scans_have_no_column_of_times(config):
+    simulated = {"scene": "apartment", "beams": 4000}
+    config["data"]["mine"] = {"scans": 3, "simulated": simulated, "time": "stamp"}
+    assert "data.mine.time: simulated scans have no columns, expected none" in errors_of(config)
 
 
 # --- extreme and malicious values -----------------------------------------------------------------

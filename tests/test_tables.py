@@ -77,3 +77,13 @@ def test_a_file_of_a_cause_that_is_gone_is_named(tmp_path, monkeypatch):
     monkeypatch.delitem(CAUSES, "sensor_noise")
     with pytest.raises(tables.TableError, match=r"runs.parquet: .*causes sensor_noise.*\nHint"):
         tables.read(path, "runs")
+
+
+def test_the_unit_of_a_level_is_that_of_the_variant(tmp_path):
+    variants = {"sensor_noise": {"sensor": "hokuyo_utm_30lx"}}
+    for plan, unit in (({"seed": 1}, b"m"), ({"variants": variants}, b"")):
+        path = tmp_path / "runs.parquet"
+        runs = tables.empty("runs", ["sensor_noise"])
+        tables.write(path, runs, "runs", plan, ["sensor_noise"])
+        assert pq.read_schema(path).field("sensor_noise").metadata[b"unit"] == unit
+        assert len(tables.read(path, "runs")) == 0

@@ -3,7 +3,7 @@
 How a cause acts is in `cause`; how they act together is in icpshap/estimators/perturb.py.
 """
 
-from icpshap import registry
+from icpshap import options, registry
 from icpshap.causes.cause import Cause
 
 MOST = 7  # players of one experiment: each doubles the settings of an instance
@@ -17,3 +17,17 @@ def named(names):
 
 
 CAUSES = {cause.name: cause for cause in named(CAUSES)}
+
+
+def players(names, variants):
+    """The causes of these names with their words, in their own order.
+
+    variants: options of those that are a variant, by name of the cause; see `variants_of`.
+    """
+    return tuple(cause(**variants.get(cause.name, {})) for cause in named(names))
+
+
+def variants_of(causes):
+    """Of causes by name, the options of those that are a variant: what tables and words need."""
+    found = {name: options.variant(cause) for name, cause in causes.items()}
+    return {name: values for name, values in found.items() if values}

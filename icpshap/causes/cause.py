@@ -27,6 +27,8 @@ class Cause:
     `off` is its reference value (Algorithm 1 of the paper), `range` the levels that are allowed,
     `levels` some that are worth trying; `scans` are those that `move` or `keep` act on. `order` is
     its place in tables. Moves act in the reverse order: what the scanner does last comes first.
+    `fewest_noise_draws`: an error that all runs of a noise draw share shows only over many of them.
+    `counts_points`: whether a pair is checked for how many source points it leaves of a run.
     """
 
     name: ClassVar[str]
@@ -40,11 +42,12 @@ class Cause:
     levels: ClassVar[tuple[float, ...]]
     scans: ClassVar[tuple[str, ...]] = SCANS
     order: ClassVar[int] = 1000
+    fewest_noise_draws: ClassVar[int] = 1
+    counts_points: ClassVar[bool] = False
 
-    @classmethod
-    def label(cls):
+    def label(self):
         """Title, symbol and unit, as an axis shows them."""
-        return f"{cls.title} {cls.symbol}" + (f" [{cls.unit}]" if cls.unit else "")
+        return f"{self.title} {self.symbol}" + (f" [{self.unit}]" if self.unit else "")
 
     @classmethod
     def hook(cls):
@@ -55,6 +58,22 @@ class Cause:
     def acts_on(cls, scan):
         """Whether another level means another cloud of the `reference` or the `source`."""
         return cls.hook() in ("move", "keep") and scan in cls.scans
+
+    @property
+    def drawn(self):
+        """What the runs of a noise draw share: what is drawn, and of what; () where nothing is."""
+        of_what = {"move": f"of the {self.title}", "keep": "of the removed points"}
+        return ("draw", of_what[self.hook()]) if self.hook() in of_what else ()
+
+    @property
+    def drawn_once(self):
+        """Whether all noise draws share it, too."""
+        return self.hook() == "keep"
+
+    @property
+    def conflict(self):
+        """What is wrong with its options together, after the name of one of them; "" if nothing."""
+        return ""
 
     @property
     def acts_when_off(self):
@@ -83,6 +102,10 @@ class Cause:
         return rows
 
     # --- what an odd cause needs besides ----------------------------------------------------------
+
+    def of_pair(self, pair):
+        """The cause for a Pair: where a hook needs more of it than it gets."""
+        return self
 
     def check(self, pair, level):
         """Raise PerturbationError if the level cannot be applied to a Pair."""

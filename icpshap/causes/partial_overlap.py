@@ -1,6 +1,7 @@
 """Too little overlap between the scans (paper, "Partial Overlap")."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -17,7 +18,11 @@ JITTER = 0.001  # m, of the reference points that the released code copies
 
 @dataclass(frozen=True)
 class PartialOverlap(Cause):
-    """round(lambda |P1|) overlapping points of the raw source are removed, drawn at random."""
+    """round(lambda |P1|) overlapping points of the raw source are removed, and no others.
+
+    scattered: drawn at random. sector: by rising azimuth about the source's z axis, from an azimuth
+    that is drawn for each noise draw, as when something stands before the scanner.
+    """
 
     name: ClassVar = "partial_overlap"
     title: ClassVar = "partial overlap"
@@ -36,6 +41,33 @@ class PartialOverlap(Cause):
         "absolute ratio round(O - lambda, 2) after the noise (released code)",
         choices=("raw", "noisy"),
     )
+    overlap_shape: str = option(
+        "scattered",
+        "Which overlapping points go. scattered: drawn one by one (paper); sector: all within an "
+        "azimuth sector about the source's z axis that begins at an azimuth drawn for each noise "
+        "draw",
+        choices=("scattered", "sector"),
+        variant=True,
+    )
+
+    @property
+    def drawn(self):
+        if self.overlap_shape == "sector":
+            return ("azimuth", "of the removed sector")
+        return super().drawn
+
+    @property
+    def drawn_once(self):
+        return self.overlap_shape == "scattered"
+
+    @property
+    def conflict(self):
+        if self.overlap_shape == "sector" and self.overlap_removal == "noisy":
+            return (
+                "overlap_shape: sector removes rows of the raw source, which overlap_removal: "
+                "noisy replaces by others. Hint: use overlap_removal: raw"
+            )
+        return ""
 
     @property
     def acts_when_off(self):
@@ -52,7 +84,7 @@ class PartialOverlap(Cause):
     def keep(self, pair, scan, level, draw, streams):
         kept = np.ones(len(pair.source), dtype=bool)
         if self.overlap_removal == "raw":
-            order = self._order(pair.overlapping, streams)
+            order = self._raw_order(pair, draw, streams)
             count = round(level * len(pair.reference))
             if count > len(order):
                 raise PerturbationError(
@@ -96,3 +128,20 @@ class PartialOverlap(Cause):
     def _order(self, overlapping, streams):
         """Rows of the overlapping source points in the order in which a growing lambda goes."""
         return streams.generator("overlap").permutation(np.flatnonzero(overlapping))
+
+    def _raw_order(self, pair, draw, streams):
+        """The same of the raw scans, in a noise draw."""
+        if self.overlap_shape == "scattered":
+            return self._order(pair.overlapping, streams)
+        rows, azimuths = _by_azimuth(pair)
+        start = streams.generator(f"overlap_sector/{draw}").uniform(-np.pi, np.pi)
+        return np.roll(rows, -np.searchsorted(azimuths, start))
+
+
+@lru_cache(maxsize=1)
+def _by_azimuth(pair):
+    """Rows of the overlapping source points by rising azimuth about the source's z axis [rad]."""
+    rows = np.flatnonzero(pair.overlapping)
+    azimuths = np.arctan2(pair.source[rows, 1], pair.source[rows, 0])
+    order = np.argsort(azimuths, kind="stable")
+    return rows[order], azimuths[order]

@@ -3,13 +3,19 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
+from icpshap.causes._sensors import SENSORS
 from icpshap.causes.cause import Cause
 from icpshap.options import Range, option
 
 
 @dataclass(frozen=True)
 class SensorNoise(Cause):
-    """sigma times one standard normal draw a coordinate, on both clouds."""
+    """sigma times one standard normal draw a coordinate, on both clouds.
+
+    With the model of a `sensor` sigma is that of each point's range, times the level.
+    """
 
     name: ClassVar = "sensor_noise"
     title: ClassVar = "sensor noise"
@@ -28,6 +34,18 @@ class SensorNoise(Cause):
         minimum=1,
         maximum=2,
     )
+    sensor: str = option(
+        "none",
+        "Scanner of which sensor noise has the published standard deviation, or accuracy, at each "
+        "point's range, times the level; none: the level is the standard deviation of all points",
+        choices=("none", *SENSORS),
+        variant=True,
+    )
+
+    def __post_init__(self):
+        if self.sensor != "none":  # the level is a factor
+            object.__setattr__(self, "unit", "")
+            object.__setattr__(self, "symbol", "σ/σ₀")
 
     def move(self, points, scan, level, draw, streams):
         return self._noisy(points, level, f"noise/{scan}/{draw}", streams)
@@ -38,4 +56,12 @@ class SensorNoise(Cause):
         return points
 
     def _noisy(self, points, level, name, streams):
-        return points + level * streams.generator(name).standard_normal(points.shape)
+        return points + self._sigma(points, level) * streams.generator(name).standard_normal(
+            points.shape
+        )
+
+    def _sigma(self, points, level):
+        """Standard deviation [m] of the noise of points (n, 3): a number, or (n, 1)."""
+        if self.sensor == "none":
+            return level
+        return level * SENSORS[self.sensor].published(np.linalg.norm(points, axis=1, keepdims=True))

@@ -1,7 +1,7 @@
 """A pair of scans: read from its tables, measured, and checked before anything is registered."""
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,12 +12,15 @@ from icpshap.errors import DataError, PerturbationError
 from icpshap.geometry import nearest_distances
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pair:
     """Two raw scans (n, 3) and (m, 3) [m], each in its scanner's frame, and the true pose.
 
     `overlapping` (m,) marks the source points that have a reference point within the distance
-    `overlap_distance` [m] at that pose.
+    `overlap_distance` [m] at that pose; `source_times` (m,): when each source point was measured,
+    None where the scan does not say; `minimum_range` [m]: points of either scan nearer to their
+    scanner are left out by the chain, which the causes may have to know. A pair equals itself only,
+    so that what is computed from it can be kept.
     """
 
     reference: np.ndarray
@@ -25,6 +28,8 @@ class Pair:
     T_reference_source: np.ndarray
     overlapping: np.ndarray
     overlap_distance: float
+    source_times: np.ndarray | None = None
+    minimum_range: float = 0.0
 
     @classmethod
     def measured(cls, reference, source, T_reference_source, overlap_distance):
@@ -32,6 +37,12 @@ class Pair:
         distances = nearest_distances(reference, source, T_reference_source)
         overlapping = distances <= overlap_distance
         return cls(reference, source, T_reference_source, overlapping, overlap_distance)
+
+    def for_chain(self, minimum_range):
+        """The pair for a chain with this minimum range [m]."""
+        if self.minimum_range == minimum_range:
+            return self
+        return replace(self, minimum_range=minimum_range)
 
     @property
     def overlap(self):
@@ -57,6 +68,7 @@ def read_pair(reference, source, poses, overlap, indices):
         relative_pose(tables.read_poses(poses), *indices),
         overlapping,
         tables.read_about(overlap)["plan"]["distance"],
+        tables.read_times(source),
     )
 
 
@@ -77,6 +89,7 @@ def describe_pair(pair, sequence, indices, *, levels, minimum_overlap, minimum_r
     for index, points in ((reference, pair.reference), (source, pair.source)):
         check_scan(points, minimum_range, f"{sequence}, scan {index}")
     registered = pair.overlap > minimum_overlap
+    pair = pair.for_chain(minimum_range)
     for cause, level in levels if registered else ():
         try:
             cause.check(pair, level)

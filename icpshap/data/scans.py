@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from icpshap.data.files import readable
-from icpshap.data.formats import READERS
+from icpshap.data.formats import READERS, TIMED_READERS
 from icpshap.errors import DataError
 
 MINIMUM_POINTS = 1000
@@ -23,26 +23,59 @@ def read_scan(path, drop_non_finite=False):
     The suffix of ``path``, one of SCAN_SUFFIXES in lower or upper case, says the format. Rows that
     are not finite are an error unless ``drop_non_finite``. Raises DataError.
     """
+    return _finite(Path(path), READERS, (), drop_non_finite)
+
+
+def read_timed_scan(path, time, drop_non_finite=False):
+    """The same with the times (n,) of the points, in the column that the file calls ``time``.
+
+    (points, times, dropped); times are None if ``time`` is. They are in any unit, and the rows in
+    any order; all at one time is a DataError.
+    """
+    if time is None:
+        points, dropped = read_scan(path, drop_non_finite)
+        return points, None, dropped
     path = Path(path)
+    columns, dropped = _finite(path, TIMED_READERS, (time,), drop_non_finite)
+    points, times = np.ascontiguousarray(columns[:, :3]), columns[:, 3].copy()
+    if len(times) and times.min() == times.max():
+        raise DataError(
+            f"{path}: all {len(times)} values in the column {time} are {times[0]:g}, expected the"
+            " times at which the points were measured, which differ.",
+            "set `time` of the sequence to another column, or leave it out: `scan_order` then says"
+            " in which order the points were measured.",
+        )
+    return points, times, dropped
+
+
+def _finite(path, readers, more, drop_non_finite):
+    """Finite rows (n, 3 or 4) of x, y, z and of `more`, and how many were dropped."""
     suffix = path.suffix.lower()
     if suffix not in SCAN_SUFFIXES:
         raise DataError(
             f"{path}: no scan format of this name.", f"use one of {', '.join(SCAN_SUFFIXES)}."
         )
+    if suffix not in readers:
+        raise DataError(
+            f"{path}: {suffix} files are read without times, expected a format that has a column"
+            f" {more[0]}.",
+            f"use one of {', '.join(readers)}, or leave out `time` of the sequence.",
+        )
     with readable(path):
-        points = READERS[suffix](path)
+        points = readers[suffix](path, *more)
     if not len(points):
         raise DataError(f"{path}: no points.", "get or export the file again.")
     finite = np.isfinite(points).all(axis=1)
     dropped = int(np.count_nonzero(~finite))
     if dropped and not drop_non_finite:
         raise DataError(
-            f"{path}: {dropped} of {len(points)} rows are not finite (NaN or infinite x, y or z),"
+            f"{path}: {dropped} of {len(points)} rows are not finite (NaN or infinite"
+            f" {', '.join(['x', 'y or z'] if not more else ['x', 'y', f'z or {more[0]}'])}),"
             f" the first is row {np.argmin(finite) + 1} of the points.",
             "remove them, or set `drop_non_finite: true` to leave them out and count them.",
         )
     points = points[finite] if dropped else points
-    _require_metres(path, points, finite)
+    _require_metres(path, points[:, :3], finite)
     return points, dropped
 
 

@@ -78,7 +78,7 @@ class Estimator:
             "kind": self.kind.name,
             "options": options.values(self.kind),
             "perturbing": options.values(self.perturbing),
-            "causes": {name: options.values(cause) for name, cause in self.causes.items()},
+            "causes": {name: options.deciding(cause) for name, cause in self.causes.items()},
         }
 
 

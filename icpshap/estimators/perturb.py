@@ -25,6 +25,8 @@ from icpshap.errors import PerturbationError
 from icpshap.options import option
 from icpshap.plan import Setting
 
+FEWEST_POINTS = 50  # of the source that a run needs
+
 
 @dataclass(frozen=True)
 class Perturbation:
@@ -166,6 +168,7 @@ def groups(pair, settings, estimator, deviation, streams):
     scale 1 [rad x3, m x3]; streams: `Streams` of the pair. Raises PerturbationError if a cause
     cannot be applied to the pair.
     """
+    pair = pair.for_chain(estimator.perturbing.minimum_range)
     on_reference = [cause for cause in estimator.causes.values() if cause.acts_on("reference")]
     for (branch, _), members in _grouped(
         settings, lambda s: (_branch(s, estimator), s.levels_of(on_reference))
@@ -181,6 +184,32 @@ def groups(pair, settings, estimator, deviation, streams):
                 draws.streams,
                 draws.starts(members, moved, noise_draw, runs),
             )
+
+
+def require_points(pair, setting, estimator, streams):
+    """Raise PerturbationError if the causes of a setting leave a run fewer than FEWEST_POINTS.
+
+    In the mean of its runs: single ones may have too few links, and are then left out. Counted on
+    the raw source, before anything moves its points.
+    """
+    draws = Draws(pair, estimator, None, streams)
+    in_range = np.linalg.norm(pair.source, axis=1) > estimator.perturbing.minimum_range
+    counts = []
+    for noise_draw, runs in enumerate(draws.shares()):
+        usable = draws.kept(setting, "source", noise_draw) & in_range
+        counts += [len(rows) for rows in draws.thinned(draws.rows(usable, runs), setting, runs)]
+    left = np.mean(counts)
+    if left < FEWEST_POINTS:
+        on = _on(estimator.causes.values(), setting)
+        removing = [(cause, level) for cause, level in on if cause.hook() in ("keep", "thin")]
+        raise PerturbationError(
+            f"{streams.sequence}, scans {streams.reference} and {streams.source}: "
+            f"{', '.join(f'{cause.name} {level:g}' for cause, level in removing)} and "
+            f"subsampling_probability {estimator.perturbing.subsampling_probability:g} leave a run "
+            f"{left:.1f} of {in_range.sum()} source points beyond the minimum range in the mean, "
+            f"expected at least {FEWEST_POINTS}.\nHint: smaller levels of these causes, or a "
+            "larger subsampling_probability."
+        )
 
 
 def batches(starts, size):
@@ -215,13 +244,13 @@ class Draws:
     """What the causes make of a pair with the draws that the settings of one branch share."""
 
     def __init__(self, pair, estimator, deviation, streams):
-        self.pair = pair
+        self.pair = pair.for_chain(estimator.perturbing.minimum_range)
         self.perturbing = estimator.perturbing
         self.number = estimator.number_of_runs
         self.deviation = deviation
         self.streams = streams
         self.subsample = cache(self._subsample)
-        causes = list(estimator.causes.values())
+        causes = [cause.of_pair(self.pair) for cause in estimator.causes.values()]
         self.moving, self.keeping, self.starting, self.thinning = (
             [cause for cause in causes if cause.hook() == hook] for hook in HOOKS
         )
@@ -262,7 +291,7 @@ class Draws:
             for _, same_mask in _grouped(same_source, lambda s: s.levels_of(self.keeping)):
                 left, usable = self._usable(same_mask[0], reference, source, noise_draw)
                 for _, same_rows in _grouped(same_mask, lambda s: s.levels_of(self.thinning)):
-                    rows = self._thinned(self.rows(usable, runs), same_rows[0], runs)
+                    rows = self.thinned(self.rows(usable, runs), same_rows[0], runs)
                     for setting in same_rows:
                         yield Start(setting, left, usable, rows, *self._initial(setting, runs))
 
@@ -320,7 +349,8 @@ class Draws:
             return [self._usable_rows(usable, 0)] * len(runs)
         return [self._usable_rows(usable, run) for run in runs]
 
-    def _thinned(self, rows, setting, runs):
+    def thinned(self, rows, setting, runs):
+        """Of the rows of each run, those that the causes of a setting leave."""
         for cause, level in _on(self.thinning, setting):
             count = len(self.pair.source)
             rows = [

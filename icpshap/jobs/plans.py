@@ -13,7 +13,7 @@ from dataclasses import asdict
 from functools import cache
 from importlib import metadata
 
-from icpshap import options, plan, storage
+from icpshap import causes, options, plan, storage
 from icpshap.errors import UserError
 from icpshap.jobs import digests
 from icpshap.tables import TableError
@@ -122,9 +122,19 @@ class Plans:
         found = self.config.experiments[experiment]
         return self.config.estimators[found.estimator].estimator.of_causes(found.causes)
 
+    def variants(self, experiment):
+        """Options of the causes of an experiment that are a variant, by name of the cause."""
+        return causes.variants_of(self.estimator(experiment).causes)
+
+    def _variants(self, experiment):
+        """The same as part of a plan, of which it is none where every cause is the usual one."""
+        found = self.variants(experiment)
+        return {"variants": found} if found else {}
+
     def scan(self, sequence, index):
         known = self.config.data[sequence]
         read = {"drop_non_finite": known.drop_non_finite}
+        read |= {"time": known.time} if known.time else {}
         if known.kind == "archive":
             return {**self._archive(known), **read, "index": index}
         if known.kind == "folder":
@@ -169,7 +179,7 @@ class Plans:
         found = self.config.experiments[experiment]
         estimator = self.estimator(experiment)
         levels = [
-            (name, options.values(cause), max(found.levels[name]))
+            (name, options.deciding(cause), max(found.levels[name]))
             for name, cause in estimator.causes.items()
             if name in found.levels
         ]
@@ -182,7 +192,14 @@ class Plans:
             "minimum_overlap": self.config.perturbation.minimum_overlap,
             "minimum_range": estimator.perturbing.minimum_range,
             "code": self.code("check_pair", *estimator.plugins),
+            **self._counting(estimator),
         }
+
+    def _counting(self, estimator):
+        """What decides how many points are left of a run, where a cause asks for that."""
+        if not any(cause.counts_points for cause in estimator.causes.values()):
+            return {}
+        return {"estimator": estimator.decides(), "seed": self.config.seed}
 
     def _jobs(self, experiment, sequence):
         """The parts of each job of a sequence."""
@@ -212,6 +229,7 @@ class Plans:
             "levels": {name: list(levels) for name, levels in found.levels.items()},
             "replicates": found.replicates,
             "estimator": estimator.decides(),
+            **self._variants(experiment),
             "deviation": self.config.perturbation.deviation.tolist(),
             "plugins": digests.plugin_names(estimator),
             "seed": self.config.seed,
@@ -236,6 +254,7 @@ class Plans:
             "off": {name: estimator.causes[name].off for name in found.causes},
             "levels": {name: list(levels) for name, levels in found.levels.items()},
             "returns": asdict(estimator.kind.returns),
+            **self._variants(experiment),
             "method": options.values(self.config.estimators[found.estimator].method),
             "plugins": digests.plugin_names(estimator),
             "seed": self.config.seed,
@@ -248,6 +267,7 @@ class Plans:
         return {
             "experiment": experiment,
             "causes": list(found.causes),
+            **self._variants(experiment),
             # A list: the order of the rows is part of the table.
             "sequences": [
                 [sequence, digest(self.explanation(experiment, sequence))]

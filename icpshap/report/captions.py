@@ -46,9 +46,12 @@ def _intervals(kept, study):
 def _drawn_once(table, study, over):
     """The random numbers that all that was left out for the intervals share, "" for none."""
     shown = study.shown(table) if over in ("runs", "noise draws") else ()
-    parts = [f"of the {c.title}" for c in shown if c.hook() == "move" and over == "runs"]
-    parts += ["of the removed points"] * any(cause.hook() == "keep" for cause in shown)
-    return f"one draw {words.listed(parts)}" if parts else ""
+    parts = {}
+    for cause in sorted(shown, key=lambda cause: cause.drawn_once):
+        if cause.drawn and (over == "runs" or cause.drawn_once):
+            what, of_what = cause.drawn
+            parts.setdefault(what, []).append(of_what)
+    return words.listed([f"one {what} {words.listed(of)}" for what, of in parts.items()])
 
 
 def reading(study):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from icpshap import estimators
-from icpshap.causes import named
+from icpshap.causes import players
 from icpshap.explanation.readings import READINGS
 
 PAIR = ["sequence", "reference", "source"]
@@ -17,7 +17,8 @@ class Study:
 
     causes: names, in the order of the registry; dependence: couples [a, b] of them, a figure each
     of the Shapley value of a, coloured by b; titles: names of sequences by their keys; waterfall:
-    the instance shown alone, a value for each cause. The rest are keys of the configuration.
+    the instance shown alone, a value for each cause; variants: options of the causes that are a
+    variant, by name of the cause. The rest are keys of the configuration.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Study:
     dependence: tuple = ()
     titles: dict = field(default_factory=dict)
     waterfall: dict | None = None
+    variants: dict = field(default_factory=dict)
 
     @property
     def unit(self):
@@ -39,8 +41,8 @@ class Study:
 
     @property
     def players(self):
-        """The classes of the causes."""
-        return named(self.causes)
+        """The causes, with their words."""
+        return players(self.causes, self.variants)
 
     @property
     def returns(self):
@@ -57,7 +59,8 @@ class Study:
     @property
     def dependence_figures(self):
         """The two causes of each dependence figure, by its name: whose phi, and whose colour."""
-        return {f"dependence_{a}_by_{b}": named([a]) + named([b]) for a, b in self.dependence}
+        by_name = {cause.name: cause for cause in self.players}
+        return {f"dependence_{a}_by_{b}": (by_name[a], by_name[b]) for a, b in self.dependence}
 
     def title(self, sequence):
         return self.titles.get(sequence, sequence)

@@ -49,6 +49,8 @@ def titles(names):
 
 
 def listed(parts):
-    """Parts of a sentence, as in 'a, b and c'."""
+    """Parts of a sentence, as in 'a, b and c'; "" where there are none."""
+    if not parts:
+        return ""
     *first, last = parts
     return f"{', '.join(first)} and {last}" if first else last

@@ -45,6 +45,45 @@ def test_the_check_of_a_pair_says_so_before_anything_is_registered(room_pair):
         PartialOverlap().check(half, 0.5001)
 
 
+class TestSector:
+    """An obstacle: all overlapping points within an azimuth sector, and no others."""
+
+    def kept(self, pair, level, draw=0):
+        cause = PartialOverlap(overlap_shape="sector")
+        return cause.keep(pair, "source", level, draw, STREAMS)
+
+    def half(self, pair):
+        return replace(pair, overlapping=np.arange(len(pair.source)) % 2 == 0)
+
+    @pytest.mark.parametrize("level", [0.0, 0.01, 0.2, 0.4501])
+    def test_exactly_the_share_asked_for_goes_out_of_the_overlap(self, room_pair, level):
+        pair = self.half(room_pair)
+        removed = ~self.kept(pair, level)
+        assert removed.sum() == round(level * len(pair.reference))
+        assert not (removed & ~pair.overlapping).any()
+
+    @pytest.mark.parametrize("draw", [0, 1, 2])
+    def test_what_goes_follows_the_start_by_azimuth(self, room_pair, draw):
+        pair = self.half(room_pair)
+        start = STREAMS.generator(f"overlap_sector/{draw}").uniform(-np.pi, np.pi)
+        azimuth = np.arctan2(pair.source[:, 1], pair.source[:, 0])
+        beyond = (azimuth - start) % (2 * np.pi)
+        kept = self.kept(pair, 0.2, draw)
+        assert beyond[~kept].max() < beyond[kept & pair.overlapping].min()
+
+    def test_draws_lose_sectors_of_their_own_and_a_larger_level_a_superset(self, room_pair):
+        assert len({self.kept(room_pair, 0.2, draw).tobytes() for draw in range(40)}) > 2
+        masks = [self.kept(room_pair, level) for level in (0.1, 0.2, 0.5)]
+        for less, more in pairwise(masks):
+            assert not (more & ~less).any()
+
+    def test_a_sector_larger_than_the_overlap_is_refused(self, room_pair):
+        with pytest.raises(
+            PerturbationError, match=r"larger than their overlap ratio 0\.\d+.\nHint"
+        ):
+            PartialOverlap(overlap_shape="sector").check(self.half(room_pair), 0.6)
+
+
 class TestReleasedCode:
     """`replace`: the overlap after the noise is brought to an absolute ratio."""
 

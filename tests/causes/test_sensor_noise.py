@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from icpshap.causes._sensors import ACCURACY, SENSORS, SIGMA
 from icpshap.causes.sensor_noise import SensorNoise
 from icpshap.estimators.perturb import Streams
 
@@ -39,3 +40,26 @@ def test_twice_added_noise_is_sqrt_two_larger_on_the_reference_alone(room_pair):
 def test_once_is_what_is_seen(room_pair):
     points = room_pair.reference
     assert SensorNoise().move_again(points, "reference", 0.05, 0, STREAMS) is points
+
+
+def test_with_a_scanner_the_level_multiplies_what_is_published_at_each_range():
+    points = np.random.default_rng(0).normal(size=(500, 3)) * 40
+    moved = SensorNoise(sensor="hokuyo_utm_30lx").move(points, "source", 2.0, 3, STREAMS)
+    sigma = np.maximum(0.018, 0.0006 * np.linalg.norm(points, axis=1) + 0.0015)
+    assert 1 < (sigma > 0.018).sum() < 500
+    draw = STREAMS.generator("noise/source/3").standard_normal(points.shape)
+    np.testing.assert_allclose(moved, points + 2.0 * sigma[:, None] * draw, rtol=1e-13)
+
+
+@pytest.mark.parametrize("sensor", SENSORS.values(), ids=SENSORS)
+def test_every_scanner_says_what_is_published_and_where(sensor):
+    assert sensor.says in (SIGMA, ACCURACY) and sensor.title and sensor.source and sensor.formula
+    published = sensor.published(np.array([0.5, 5.0, 12.0, 29.0]))
+    assert ((published > 0.001) & (published < 0.25)).all() and (np.diff(published) >= 0).all()
+
+
+def test_the_level_of_a_scanner_has_no_unit():
+    usual, factor = SensorNoise(), SensorNoise(sensor="velodyne_vlp_16")
+    assert usual.label() == "sensor noise σ [m]"
+    assert (factor.unit, factor.symbol) == ("", "σ/σ₀")
+    assert SensorNoise.unit == "m"

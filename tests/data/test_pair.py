@@ -79,3 +79,15 @@ def test_a_pair_comes_back_from_its_tables(room_pair, tmp_path):
     for name in ("reference", "source", "T_reference_source", "overlapping", "overlap_distance"):
         np.testing.assert_array_equal(getattr(found, name), getattr(room_pair, name))
     np.testing.assert_array_equal(relative_pose(poses, 0, 1), room_pair.T_reference_source)
+
+
+def test_a_pair_has_the_times_of_its_source(room_pair, tmp_path):
+    times = np.linspace(0.0, 1.0, len(room_pair.source))
+    tables.write_scan(tmp_path / "reference", room_pair.reference, None, {})
+    tables.write_scan(tmp_path / "source", room_pair.source, times, {})
+    poses = tables.poses_frame(np.stack([np.eye(4), room_pair.T_reference_source]))
+    tables.write(tmp_path / "poses", poses, "poses")
+    overlap = pd.DataFrame({"overlapping": room_pair.overlapping})
+    tables.write(tmp_path / "overlap", overlap, "overlap", {"distance": 0.2})
+    paths = (tmp_path / name for name in ("reference", "source", "poses", "overlap"))
+    np.testing.assert_array_equal(read_pair(*paths, (0, 1)).source_times, times)

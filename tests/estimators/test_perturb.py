@@ -133,6 +133,28 @@ def test_subsampling_of_a_longer_cloud_begins_with_the_same_rows():
     np.testing.assert_array_equal(short, long[: len(short)])
 
 
+def test_a_run_of_fewer_than_50_source_points_is_refused_with_their_number(room_pair):
+    """3,000 points at 0.1 are 300 of a run; a quarter of them is about 75, a tenth about 30."""
+    estimator = Estimator.of("monte_carlo", {"subsampling_probability": 0.1, "runs": 100})
+    for rho in (4.0, 10.0):
+        setting = Setting.at({"icp_randomness": rho})
+        of_setting = estimator.of_causes(["icp_randomness"])
+        given = (room_pair, setting, of_setting, STREAMS)
+        (group,) = perturb.groups(room_pair, [setting], of_setting, DEVIATION, STREAMS)
+        left = np.mean([len(rows) for rows in next(group.starts).rows])
+        if rho == 4.0:
+            assert left >= perturb.FEWEST_POINTS
+            perturb.require_points(*given)
+            continue
+        expected = (
+            r"room, scans 0 and 1: icp_randomness 10 and subsampling_probability 0.1 leave a run "
+            rf"{left:.1f} of 3000 source points beyond the minimum range in the mean, expected at "
+            r"least 50.\nHint"
+        )
+        with pytest.raises(PerturbationError, match=expected):
+            perturb.require_points(*given)
+
+
 def test_probability_one_keeps_every_row():
     np.testing.assert_array_equal(perturb.subsample(7, 1, np.random.default_rng(0)), np.arange(7))
 

@@ -1,6 +1,7 @@
 """What decides each file, and what is said of one that another plan made."""
 
 import copy
+import json
 import os
 from functools import cache
 from pathlib import Path
@@ -13,6 +14,7 @@ from snakemake.utils import update_config
 from icpshap import config as configuration
 from icpshap import tables
 from icpshap.errors import UserError
+from icpshap.estimators import Estimator
 from icpshap.jobs import paths, plans, start
 from icpshap.jobs.paths import at
 from icpshap.jobs.plans import Plans, digest
@@ -107,6 +109,58 @@ class TestWhatDecides:
         assert planner.job(GRID, ROOM, 0)["code"] == "code of run_icp"
         monkeypatch.undo()
         assert set(plans.versions()) == {*plans.COMPUTING, "machine"}
+
+
+class TestVariants:
+    """An option that makes a variant of a cause is in a plan only where it does."""
+
+    def plan_words(self, change=lambda config: None):
+        planner = plans_of(change)
+        plan = [
+            planner.scan(ROOM, 0),
+            planner.pair(GRID, ROOM, (0, 1)),
+            planner.job(GRID, ROOM, 0),
+            planner.explanation(GRID, ROOM),
+            planner.joined(GRID),
+        ]
+        return [json.dumps(part) for part in plan]
+
+    def test_the_usual_ones_leave_no_trace(self):
+        """So that what was registered before the options existed still holds."""
+        for part in self.plan_words():
+            for word in ("sensor", "overlap_shape", "scan_order", "variants", "time"):
+                assert f'"{word}"' not in part
+
+    def test_a_variant_is_in_whatever_it_decides(self):
+        words = self.plan_words(estimator(overlap_shape="sector", sensor="velodyne_vlp_16"))
+        for part in words[1:3]:
+            assert '"overlap_shape": "sector"' in part and '"sensor": "velodyne_vlp_16"' in part
+        for part in words[2:]:
+            assert '"variants": {"sensor_noise": {"sensor": "velodyne_vlp_16"}' in part
+
+    def test_it_comes_back_from_the_plan(self):
+        planner = plans_of(estimator(overlap_shape="sector"))
+        found = Estimator.decided(planner.job(GRID, ROOM, 0)["estimator"])
+        assert found.causes["partial_overlap"].overlap_shape == "sector"
+        assert found.causes["sensor_noise"].sensor == "none"
+
+    def test_the_name_of_a_time_column_decides_a_scan(self):
+        def own(time):
+            def change(config):
+                config["data"]["own"] = {"scans": 2, "archive": {"url": "https://x"}, **time}
+
+            return digest(plans_of(change).scan("own", 0))
+
+        assert own({"time": "t"}) != own({"time": "stamp"}) != own({})
+
+    def test_how_many_points_are_left_is_checked_where_a_cause_asks_for_it(self):
+        def change(config):
+            config["experiments"][GRID]["instances"]["grid"]["icp_randomness"] = [2]
+            config["experiments"][GRID]["waterfall"]["icp_randomness"] = 2
+
+        pair = plans_of(change).pair(GRID, ROOM, (0, 1))
+        assert pair["estimator"]["perturbing"]["subsampling_probability"] == 0.2
+        assert "estimator" not in plans_of().pair(GRID, ROOM, (0, 1))
 
 
 class TestOutsideFiles:

@@ -50,6 +50,22 @@ def test_intervals_are_conditional_on_the_draws_of_the_causes_that_are_on():
         assert expected in captions.caption("summary", grid_of(study.causes), study)
 
 
+def test_a_sector_of_one_draw_is_one_azimuth(grid):
+    study = study_of(THREE, variants={"partial_overlap": {"overlap_shape": "sector"}})
+    text = captions.caption("summary", grid, study)
+    drawn = "one draw of the sensor noise and one azimuth of the removed sector"
+    assert f"taken over runs, conditional on {drawn}." in text
+    text = captions.caption("summary", grid.assign(interval_over="noise draws"), study)
+    assert "taken over noise draws. " in text
+
+
+def test_the_level_of_a_scanner_is_a_factor(grid):
+    study = study_of(THREE, variants={"sensor_noise": {"sensor": "hokuyo_utm_30lx"}})
+    row = grid[grid.sensor_noise == 0.1].iloc[:1]
+    assert "at σ/σ₀ = 0.1." in captions.caption("waterfall", row, study)
+    assert "at σ = 0.1 m." in captions.caption("waterfall", row, study_of(THREE))
+
+
 def test_caption_counts_negative_values(grid):
     phi = pd.concat([on(grid, name)[f"phi_{name}"] for name in THREE])
     significant = (phi.abs() > 0.5).sum()

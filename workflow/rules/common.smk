@@ -344,6 +344,7 @@ def study_of(wildcards):
         "dependence": [list(couple) for couple in experiment.dependence],
         "titles": {key: CONFIG.data[key].title for key in experiment.pairs},
         "waterfall": experiment.waterfall,
+        "variants": PLANS.variants(experiment.name),
     }
 
 

@@ -5,20 +5,28 @@ import pandas as pd
 from icpshap import tables
 from icpshap.causes import CAUSES
 from icpshap.data.pair import describe_pair, read_pair
+from icpshap.estimators import Estimator
+from icpshap.estimators.perturb import Streams, require_points
 from icpshap.jobs import digests
 from icpshap.jobs.job import job
+from icpshap.plan import Setting
 
 
 def check_pair(paths, output, plan, terminal):
     indices = tuple(plan["pair"])
+    pair = read_pair(paths.reference, paths.source, paths.poses, paths.overlap, indices)
     row = describe_pair(
-        read_pair(paths.reference, paths.source, paths.poses, paths.overlap, indices),
+        pair,
         plan["sequence"],
         indices,
         levels=[(CAUSES[name](**options), level) for name, options, level in plan["levels"]],
         minimum_overlap=plan["minimum_overlap"],
         minimum_range=plan["minimum_range"],
     )
+    if "estimator" in plan and row["registered"]:
+        largest = Setting.at({name: level for name, _, level in plan["levels"]})
+        streams = Streams(plan["seed"], plan["sequence"], *indices)
+        require_points(pair, largest, Estimator.decided(plan["estimator"]), streams)
     for remark in filter(None, (row["reason"], row["warning"])):
         reference, source = indices
         print(f"{plan['sequence']} {reference}-{source}: {remark}", file=terminal)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from icpshap import tables
 from icpshap.data.archive import open_sequence
-from icpshap.data.scans import read_scan
+from icpshap.data.scans import read_timed_scan
 from icpshap.errors import DataError
 from icpshap.jobs.job import job
 
@@ -23,7 +23,7 @@ def fetch_scan(archive, cache, output, scans, plan, terminal):
         members.extract_scan(index, file)
     where = f"{archive.get('path') or archive['url']}, Hokuyo_{index}.csv"
     try:
-        points, dropped = read_scan(file, plan["drop_non_finite"])
+        points, times, dropped = read_timed_scan(file, plan.get("time"), plan["drop_non_finite"])
     except DataError as error:
         # The extracted file is no place to mend anything: the next run extracts it again.
         problem = str(error).partition("\nHint: ")[0].replace(str(file), where)
@@ -31,7 +31,7 @@ def fetch_scan(archive, cache, output, scans, plan, terminal):
     finally:
         file.unlink()
     logging.info("%s: %d points, %d rows that are not finite dropped", where, len(points), dropped)
-    tables.write(output, tables.points_frame(points), "scan", plan, dropped_rows=dropped)
+    tables.write_scan(output, points, times, plan, dropped_rows=dropped)
 
 
 if __name__ == "__main__":

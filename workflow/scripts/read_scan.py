@@ -8,9 +8,10 @@ from icpshap.jobs.job import job
 
 
 def read_scan(path, output, plan):
-    points, dropped = scans.read_scan(path, plan["drop_non_finite"])
+    time, drop = plan.get("time"), plan["drop_non_finite"]
+    points, times, dropped = scans.read_timed_scan(path, time, drop)
     logging.info("%s: %d points, %d rows that are not finite dropped", path, len(points), dropped)
-    tables.write(output, tables.points_frame(points), "scan", plan, dropped_rows=dropped)
+    tables.write_scan(output, points, times, plan, dropped_rows=dropped)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ def simulate_sequence(output, scans, plan):
         return
     index = plan["index"]
     points = simulate.simulate_scan(scene, index, T_global_scan[index], plan["beams"], seed)
-    tables.write(output, tables.points_frame(points), "scan", plan)
+    tables.write_scan(output, points, None, plan)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,11 @@ Such a module has
   before it is compared with the size of the file. What is slow to import is imported within it:
   every format is imported, whether its files are read or not.
 
+and, if its files can hold the time at which a point was measured,
+
+- ``read_timed(path, time)``: the same with the times after them, (n, 4): the column that the files
+  call ``time``. One that is missing is a DataError.
+
 Nothing else has to know of a format. A module whose name begins with ``_`` is no format but a part
 that several share.
 """
@@ -18,8 +23,8 @@ from pathlib import Path
 from icpshap import registry
 
 
-def _readers(modules):
-    """``read`` of each module by suffix.
+def _by_suffix(modules):
+    """Each module by suffix.
 
     Raises ImportError for a module that is no format, and for a suffix that no file name can have
     or that two modules claim.
@@ -46,8 +51,14 @@ def _readers(modules):
                     "Hint: take it out of one of them."
                 )
             owners[suffix] = module
-    return {suffix: module.read for suffix, module in owners.items()}
+    return owners
 
 
 # In the order of the modules' names, which is the one of suffixes in messages.
-READERS = _readers(registry.modules(__name__, __path__))
+_FORMATS = _by_suffix(registry.modules(__name__, __path__))
+READERS = {suffix: module.read for suffix, module in _FORMATS.items()}
+TIMED_READERS = {
+    suffix: module.read_timed
+    for suffix, module in _FORMATS.items()
+    if hasattr(module, "read_timed")
+}

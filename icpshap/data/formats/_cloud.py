@@ -14,8 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from icpshap.data.formats._lines import (
+    AXES,
     GET_AGAIN,
     LONGEST,
+    no_time_column,
     not_a_number,
     shown,
     too_long,
@@ -114,8 +116,8 @@ def whole_number(text, what, line=None):
     return int(text)
 
 
-def require_axes(path, rows):
-    """Raise DataError unless x, y and z are each one column of the rows."""
+def require_columns(path, rows, names):
+    """Raise DataError unless x, y, z and what else is named are each one column of the rows."""
     counts = {axis: [f.count for f in rows.fields if f.name == axis] for axis in "xyz"}
     columns = shown(", ".join(field.name for field in rows.fields) or "none")[1:-1]
     if missing := [axis for axis in "xyz" if not counts[axis]]:
@@ -129,6 +131,9 @@ def require_axes(path, rows):
             f" columns are {columns}.",
             "rename the others, or export with one of each.",
         )
+    for name in names[len(AXES) :]:
+        if rows.columns.count(name) != 1:
+            raise no_time_column(path, name, rows.columns)
     if (width := sum(field.count for field in rows.fields)) > MAXIMUM_COLUMNS:
         raise DataError(
             f"{path}: {width} columns in the header, at most {MAXIMUM_COLUMNS} are accepted.",
@@ -154,24 +159,24 @@ def text_rows(path, file, line):
         line += 1
 
 
-def text_points(path, lines, rows):
-    """Points (n, 3) of the next ``lines``, an iterator of numbers and cells. Raises DataError."""
+def text_columns(path, lines, rows, names):
+    """Columns (n, k) of the next ``lines``, an iterator of numbers and cells. Raises DataError."""
     columns = rows.columns
-    axes = [columns.index(axis) for axis in "xyz"]
+    wanted = [columns.index(name) for name in names]
     # Grows with what is read, whatever the header announces.
     points = array("d")
     for number, cells in islice(lines, rows.points):
         try:
             values = _numbers(path, number, cells, columns)
         except DataError:
-            is_last = len(points) // 3 + 1 == rows.points
+            is_last = len(points) // len(names) + 1 == rows.points
             if (not is_last or len(cells) < len(columns)) and next(lines, None) is None:
                 raise cut_off(path, rows.points) from None
             raise
-        points.extend([values[axis] for axis in axes])
-    if len(points) < 3 * rows.points:
+        points.extend([values[column] for column in wanted])
+    if len(points) < len(names) * rows.points:
         raise cut_off(path, rows.points)
-    return np.frombuffer(points).reshape(-1, 3)
+    return np.frombuffer(points).reshape(-1, len(names))
 
 
 def _numbers(path, number, cells, columns):
@@ -207,12 +212,12 @@ def require_text_end(path, lines, rows):
 # Binary
 
 
-def binary_points(path, file, rows):
-    """Points (n, 3) of the rows that are next in a binary file. Raises DataError."""
+def binary_columns(path, file, rows, names):
+    """Columns (n, k) of the rows that are next in a binary file. Raises DataError."""
     if bytes_left(file) < rows.points * rows.bytes:
         raise cut_off(path, rows.points)
-    points = np.empty((rows.points, 3))
-    dtype = _axes_of_row(rows)
+    points = np.empty((rows.points, len(names)))
+    dtype = _columns_of_row(rows, names)
     step = max(1, BLOCK // rows.bytes)
     for start in range(0, rows.points, step):
         into = points[start : start + step]
@@ -220,8 +225,8 @@ def binary_points(path, file, rows):
         if len(content) < len(into) * rows.bytes:
             raise cut_off(path, rows.points)
         block = np.frombuffer(content, dtype)
-        for column, axis in enumerate("xyz"):
-            into[:, column] = as_doubles(block[axis])
+        for column, name in enumerate(names):
+            into[:, column] = as_doubles(block[name])
     return points
 
 
@@ -231,17 +236,17 @@ def as_doubles(values):
         return values.astype(float)
 
 
-def _axes_of_row(rows):
-    """The dtype of a row of which only x, y and z are of interest."""
+def _columns_of_row(rows, names):
+    """The dtype of a row of which only the columns of these names are of interest."""
     offsets, kinds, position = {}, {}, 0
     for field in rows.fields:
         offsets[field.name], kinds[field.name] = position, field.kind
         position += field.bytes
     return np.dtype(
         {
-            "names": list("xyz"),
-            "formats": [kinds[axis] for axis in "xyz"],
-            "offsets": [offsets[axis] for axis in "xyz"],
+            "names": list(names),
+            "formats": [kinds[name] for name in names],
+            "offsets": [offsets[name] for name in names],
             "itemsize": position,
         }
     )

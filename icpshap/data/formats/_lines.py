@@ -2,6 +2,7 @@
 
 from icpshap.errors import DataError
 
+AXES = ("x", "y", "z")
 GET_AGAIN = "the file may be cut off or edited; get or export it again."
 LONGEST = 2**20  # bytes of a line; a longer one is no row of a scan
 
@@ -16,6 +17,17 @@ def not_a_number(path, line, column, cell):
     return DataError(
         f"{path}, line {line}, column {column}: {shown(cell)} is not a number.",
         f"numbers are written like -1.5 or 2e-3, with a point; {GET_AGAIN}",
+    )
+
+
+def no_time_column(path, time, names):
+    """DataError: among the columns of these names is not just one that is called ``time``."""
+    found = f"{names.count(time)} of them" if time in names else "none"
+    return DataError(
+        f"{path}: expected one column {shown(time)} with the times of the points, found {found};"
+        f" its columns are {shown(', '.join(names))[1:-1]}.",
+        "set `time` of the sequence to the name of the column, or leave it out: `scan_order` then"
+        " says in which order the points were measured.",
     )
 
 

@@ -8,8 +8,10 @@ import pyarrow as pa
 import pyarrow.csv
 
 from icpshap.data.formats._lines import (
+    AXES,
     GET_AGAIN,
     LONGEST,
+    no_time_column,
     not_a_number,
     shown,
     too_long,
@@ -25,13 +27,25 @@ def read(path):
 
     Raises DataError.
     """
+    return _read(path, AXES)
+
+
+def read_timed(path, time):
+    """The same with the column of the name ``time`` after them, (n, 4)."""
+    return _read(path, (*AXES, time))
+
+
+def _read(path, wanted):
     with path.open("rb") as file:
         names = _column_names(path, file)
-        table = _read_table(path, file, names)
+        for time in wanted[len(AXES) :]:
+            if names.count(time) != 1:
+                raise no_time_column(path, time, names)
+        table = _read_table(path, file, names, wanted)
         _require_all_lines(path, file, len(table))
-    points = np.empty((len(table), 3))
-    for column, axis in enumerate("xyz"):
-        points[:, column] = table[axis]
+    points = np.empty((len(table), len(wanted)))
+    for column, name in enumerate(wanted):
+        points[:, column] = table[name]
     return points
 
 
@@ -56,8 +70,8 @@ def _column_names(path, file):
     return names
 
 
-def _read_table(path, file, names):
-    """The columns x, y and z of all rows below the header, as a table of pyarrow."""
+def _read_table(path, file, names, wanted):
+    """The wanted columns of all rows below the header, as a table of pyarrow."""
     file.seek(0)
     try:
         return pa.csv.read_csv(
@@ -65,8 +79,8 @@ def _read_table(path, file, names):
             # Only the single-threaded parser knows the row number of an error.
             read_options=pa.csv.ReadOptions(use_threads=False, skip_rows=1, column_names=names),
             convert_options=pa.csv.ConvertOptions(
-                include_columns=list("xyz"),
-                column_types=dict.fromkeys("xyz", pa.float64()),
+                include_columns=list(wanted),
+                column_types=dict.fromkeys(wanted, pa.float64()),
                 null_values=[],
             ),
         )

@@ -12,18 +12,18 @@ from icpshap.data.formats._cloud import (
     Field,
     HeaderError,
     Rows,
-    binary_points,
+    binary_columns,
     bytes_left,
     cut_off,
     read_header,
-    require_axes,
     require_binary_end,
+    require_columns,
     require_text_end,
-    text_points,
+    text_columns,
     text_rows,
     whole_number,
 )
-from icpshap.data.formats._lines import shown, wrong_width
+from icpshap.data.formats._lines import AXES, shown, wrong_width
 from icpshap.errors import DataError
 
 SUFFIXES = (".ply",)
@@ -74,12 +74,21 @@ class Header(NamedTuple):
 
 def read(path):
     """Points (n, 3) [m] of the vertices' properties x, y and z. Raises DataError."""
+    return _read(path, AXES)
+
+
+def read_timed(path, time):
+    """The same with the property of the name ``time`` after them, (n, 4)."""
+    return _read(path, (*AXES, time))
+
+
+def _read(path, names):
     with path.open("rb") as file:
         header, line = read_header(path, ".ply", file, "end_header", _header)
-        require_axes(path, header.rows)
+        require_columns(path, header.rows, names)
         if header.encoding == "ascii":
-            return _from_text(path, file, line, header)
-        return _from_binary(path, file, header)
+            return _from_text(path, file, line, header, names)
+        return _from_binary(path, file, header, names)
 
 
 def _header(lines):
@@ -130,12 +139,12 @@ def _checked(encoding, elements):
 # see that they are there, since else their bytes could as well be points.
 
 
-def _from_text(path, file, line, header):
+def _from_text(path, file, line, header, names):
     lines = text_rows(path, file, line)
     points = None
     for element in header.elements:
         if element.name == "vertex":
-            points = text_points(path, lines, header.rows)
+            points = text_columns(path, lines, header.rows, names)
         elif element.properties:
             _skip_text(path, lines, element)
     require_text_end(path, lines, header.rows)
@@ -162,11 +171,11 @@ def _text_width(element, cells):
     return width
 
 
-def _from_binary(path, file, header):
+def _from_binary(path, file, header, names):
     points = None
     for element in header.elements:
         if element.name == "vertex":
-            points = binary_points(path, file, header.rows)
+            points = binary_columns(path, file, header.rows, names)
         elif any(item.length for item in element.properties):
             _skip_lists(path, file, element, BYTE_ORDERS[header.encoding])
         else:

@@ -11,18 +11,18 @@ from icpshap.data.formats._cloud import (
     HeaderError,
     Rows,
     as_doubles,
-    binary_points,
+    binary_columns,
     bytes_left,
     cut_off,
     read_header,
-    require_axes,
     require_binary_end,
+    require_columns,
     require_text_end,
-    text_points,
+    text_columns,
     text_rows,
     whole_number,
 )
-from icpshap.data.formats._lines import GET_AGAIN, shown
+from icpshap.data.formats._lines import AXES, GET_AGAIN, shown
 from icpshap.errors import DataError
 
 SUFFIXES = (".pcd",)
@@ -49,16 +49,25 @@ class Header(NamedTuple):
 
 def read(path):
     """Points (n, 3) [m] of the fields x, y and z. Raises DataError."""
+    return _read(path, AXES)
+
+
+def read_timed(path, time):
+    """The same with the field of the name ``time`` after them, (n, 4)."""
+    return _read(path, (*AXES, time))
+
+
+def _read(path, names):
     with path.open("rb") as file:
         (encoding, rows), line = read_header(path, ".pcd", file, "DATA", _header)
-        require_axes(path, rows)
+        require_columns(path, rows, names)
         if encoding == "ascii":
             lines = text_rows(path, file, line)
-            points = text_points(path, lines, rows)
+            points = text_columns(path, lines, rows, names)
             require_text_end(path, lines, rows)
             return points
-        points = {"binary": binary_points, "binary_compressed": _compressed_points}[encoding](
-            path, file, rows
+        points = {"binary": binary_columns, "binary_compressed": _compressed_columns}[encoding](
+            path, file, rows, names
         )
         require_binary_end(path, file, rows, padding=b"\0", at_most=PAGE)
         return points
@@ -139,8 +148,8 @@ def _fields(entries):
     return fields
 
 
-def _compressed_points(path, file, rows):
-    """Points (n, 3) of a body that is compressed, in which all of x precedes all of y.
+def _compressed_columns(path, file, rows, names):
+    """Columns (n, k) of a body that is compressed, in which all of x precedes all of y.
 
     Its two sizes are compared with the header and the file before anything is unpacked.
     """
@@ -157,12 +166,12 @@ def _compressed_points(path, file, rows):
             "the header was changed, or the file is damaged; export it again.",
         )
     content = _unpacked(path, file.read(packed), unpacked)
-    points = np.empty((rows.points, 3))
+    points = np.empty((rows.points, len(names)))
     position = 0
     for field in rows.fields:
-        if field.name in "xyz":
+        if field.name in names:
             column = np.frombuffer(content, field.kind, rows.points, position)
-            points[:, "xyz".index(field.name)] = as_doubles(column)
+            points[:, names.index(field.name)] = as_doubles(column)
         position += field.bytes * rows.points
     return points
 

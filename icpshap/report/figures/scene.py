@@ -52,14 +52,13 @@ class Scene:
     no_poses: str
 
     @property
-    def on(self):
-        """The causes that are on."""
-        return [cause for cause in named(self.values) if self.values[cause.name] != cause.off]
-
-    @property
     def removing(self):
         """The causes that are on and remove points of either scan."""
-        return [cause for cause in self.on if cause.hook() == "keep"]
+        return [cause for cause in self.on(named(self.values)) if cause.hook() == "keep"]
+
+    def on(self, players):
+        """Those of the causes that are on."""
+        return [c for c in players if self.values.get(c.name, c.off) != c.off]
 
 
 def make_scene(pair, kept_reference, kept_source, runs, values, method):
@@ -132,9 +131,10 @@ def _scans(scene, row):
 
 
 def _poses(scene, study, shapes):
+    on = scene.on(study.players)
     return (
         f"Pose errors of {len(scene.clean)} {study.repeats}, estimator {study.estimator}: initial "
-        f"poses, clean results, and results at {words.describe_values(scene.values, scene.on)}, "
+        f"poses, clean results, and results at {words.describe_values(scene.values, on)}, "
         f"with {shapes} that hold 95 % of a Gaussian of the same covariance."
     )
 
