@@ -50,8 +50,11 @@ def said_of(message, *names):
 
 
 def is_traceback(message):
-    """Whether a text holds a traceback, as Python or as Snakemake prints it."""
-    return "Traceback (most recent call last)" in message or '\n  File "' in message
+    """Whether a text holds a traceback, as Python or as Snakemake prints it.
+
+    One line of it is Snakemake's way to say which file of rules refused a configuration.
+    """
+    return "Traceback (most recent call last)" in message or message.count('\n  File "') > 1
 
 
 def of_call(call, is_right, *names):

@@ -24,6 +24,15 @@ except configuration.ConfigError as error:
 
 STARTED = time.time()
 
+# Before the workflow is set up, only the command line tells what this is going to be.
+IS_RUN = start.is_run(sys.argv[1:])
+
+if IS_RUN:
+    try:
+        start.check_folders()
+    except UserError as error:
+        raise WorkflowError(str(error)) from None
+
 for key in CONFIG.sequences:
     archive = CONFIG.data[key].archive or {}
     if "path" in archive and not os.path.isfile(archive["path"]):
@@ -433,14 +442,7 @@ def titles():
 
 def look_at_what_is_there():
     """Put aside what another plan made, and say it."""
-    # Before the workflow is set up, only the command line tells what this is going to be.
-    is_run = start.is_run(sys.argv[1:])
-    if is_run:
-        try:
-            start.check_folders()
-        except UserError as error:
-            raise WorkflowError(str(error)) from None
-    for line in start.look(PLANS, CONFIG.run, CONFIG.sequences, is_run):
+    for line in start.look(PLANS, CONFIG.run, CONFIG.sequences, IS_RUN):
         logger.info(line)
 
 
