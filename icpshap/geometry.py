@@ -1,5 +1,6 @@
 """Geometry of point clouds that more than one part of the library needs."""
 
+import numpy as np
 from scipy.spatial import KDTree
 
 from icpshap import se3
@@ -9,3 +10,10 @@ def nearest_distances(reference, source, T_reference_source):
     """Distance [m] of each source point (m, 3) to the nearest reference point at the given pose."""
     distances, _ = KDTree(reference).query(se3.transform(T_reference_source, source))
     return distances
+
+
+def root_mean_square_distance(points):
+    """Root mean square distance of points (n, 3) from their centroid; NaN for none."""
+    if len(points) == 0:
+        return np.nan
+    return float(np.sqrt(np.square(points - points.mean(axis=0)).sum(axis=1).mean()))

@@ -9,7 +9,7 @@ from icpshap import se3, tables
 from icpshap.data.ground_truth import ground_truth_distance
 from icpshap.data.scans import check_scan
 from icpshap.errors import DataError, PerturbationError
-from icpshap.geometry import nearest_distances
+from icpshap.geometry import nearest_distances, root_mean_square_distance
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,15 @@ class Pair:
     def overlap(self):
         """Overlap ratio O = N / |P1| (section "Partial Overlap")."""
         return self.overlapping.sum() / len(self.reference)
+
+    def characteristic_length(self, minimum_range):
+        """L [m], at which a rotation counts as what it moves; NaN without overlap.
+
+        Root mean square distance of the overlapping source points that are farther than
+        minimum_range [m] from the scanner from their centroid.
+        """
+        in_range = np.linalg.norm(self.source, axis=1) > minimum_range
+        return root_mean_square_distance(self.source[self.overlapping & in_range])
 
 
 def read_pair(reference, source, poses, overlap, indices):
@@ -105,6 +114,8 @@ def describe_pair(pair, sequence, indices, *, levels, minimum_overlap, minimum_r
         "reference_points": len(pair.reference),
         "source_points": len(pair.source),
         "overlap": pair.overlap,
+        "characteristic_length": pair.characteristic_length(minimum_range),
+        **dict(zip(tables.TRANSFORM, pair.T_reference_source.ravel(), strict=True)),
         "median_distance": distance,
         "registered": registered,
         "reason": reason,

@@ -93,10 +93,15 @@ def memory(initial_xi, xi):
     return max(0.0, share.max())
 
 
-def remarks(sample, n_used, clean_floor_share, clean_memory):
+def remarks(sample, method, n_used, clean_floor_share, clean_memory):
     """What makes f or phi doubtful, in words; empty if nothing does."""
     found = []
-    if n_used < sample.fewest:
+    if method.reading.needs_samples and not sample.returns.samples:
+        found.append(
+            f"the {method.reading.label} needs pose samples, which the estimator does not return: "
+            "no value"
+        )
+    elif n_used < sample.fewest:
         runs = "runs" if sample.returns.samples else "noise draws"
         found.append(f"only {n_used} {runs} left, fewer than {sample.fewest}: no value")
     if clean_floor_share > LARGE_SHARE:
@@ -125,7 +130,7 @@ def remarks_of_games(replicates, rows, n_used, n_right_basin, f_again, method):
     first = replicates[0]
     texts = []
     for n, right in zip(n_used, n_right_basin, strict=True):
-        found = [remarks(first, n, floor_share, memory)]
+        found = [remarks(first, method, n, floor_share, memory)]
         if right < first.fewest <= n:
             found.append(
                 f"fewer than {first.fewest} runs are never in a wrong basin: no value without those"

@@ -41,14 +41,14 @@ class Method:
     )
     wrong_basin_translation: float = option(
         0.1,
-        "Further than this from the setting's median is a wrong basin",
+        "Further than this from the setting's centre, and outside its own bulk, is a wrong basin",
         unit="m",
         above=0,
         maximum=1e6,
     )
     wrong_basin_rotation: float = option(
         2.0,
-        "Further than this from the setting's median is a wrong basin",
+        "Further than this from the setting's centre, and outside its own bulk, is a wrong basin",
         unit="deg",
         above=0,
         maximum=360,

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from known_pair import PAIR
 from known_runs import ADDED, LEVELS, OFF, SHARED, instances, runs_table, true_game
 
 from icpshap.errors import UserError
@@ -13,7 +14,6 @@ from icpshap.explanation import doubts, games, readings, sample, shapley
 from icpshap.explanation.method import Method
 from icpshap.tables import COVARIANCE, XI
 
-PAIR = ("room", 0, 1)
 PHI = [f"phi_{name}" for name in OFF]
 BOTH = Returns(samples=True, covariances=True, exchangeable=True)
 DEPENDENT = Returns(samples=True, covariances=False)
@@ -52,7 +52,7 @@ def estimates_table(noise_draws=1, scale=lambda draw: 1.0):
 
 def explain(runs, estimates, returns, full=False, **method):
     given = (runs, estimates, instances(full=full), OFF, returns, Method(**method), PAIR)
-    return games.explain(*given)
+    return games.explain(*given)[:2]
 
 
 def explain_one(*arguments, **method):
@@ -132,7 +132,7 @@ class TestCovariancesAlone:
 class TestBoth:
     def test_the_covariance_adds_to_that_of_the_samples(self):
         runs, table = runs_table(), estimates_table()
-        (of_pair,) = sample.samples(runs, table, OFF, BOTH, Method())
+        (of_pair,) = sample.samples(runs, table, OFF, BOTH, Method(), 3.0)
         rows = np.arange(len(of_pair.settings))
         weights = np.ones((1, 100))
         found = of_pair.spread(rows, weights, Method()).covariance[:, 0]
@@ -182,7 +182,7 @@ class TestWeights:
         runs = runs_table(n=60)
         twice = runs["run"] < 20
         weighted = runs.assign(weight=np.where(twice, 2.0, 0.5))
-        (of_pair,) = sample.samples(weighted, None, OFF, DEPENDENT, Method())
+        (of_pair,) = sample.samples(weighted, None, OFF, DEPENDENT, Method(), 3.0)
         found = of_pair.spread(3, np.ones((1, 60)), Method(**NO_FLOOR)).covariance[0]
         xi = of_pair.xi[3]
         expected = np.cov(xi.T, aweights=of_pair.weight, ddof=0) * 60 / 59
@@ -192,7 +192,7 @@ class TestWeights:
         runs = runs_table(n=60)
         runs.loc[3, "weight"] = 2.0
         with pytest.raises(UserError, match=r"weights of the samples differ[\s\S]*Hint"):
-            sample.samples(runs, None, OFF, DEPENDENT, Method())
+            sample.samples(runs, None, OFF, DEPENDENT, Method(), 3.0)
 
 
 def test_what_a_reading_says_of_itself_is_so():
@@ -212,6 +212,6 @@ def test_what_a_reading_says_of_itself_is_so():
 
 
 def test_only_what_compares_with_clean_has_a_deterministic_null():
-    (of_pair,) = sample.samples(None, estimates_table(), OFF, COVARIANCES, Method())
+    (of_pair,) = sample.samples(None, estimates_table(), OFF, COVARIANCES, Method(), 3.0)
     method = Method(divergence="rotation_rmse")
     assert np.isnan(doubts.null(np.array([1]), of_pair, method)).all()

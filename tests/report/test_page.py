@@ -169,7 +169,7 @@ def test_interactive_page_draws_its_three_scenes(tmp_path):
     pair = pair_of_scans()
     runs = runs_table([{cause.name: cause.off for cause in STUDY.players}, WATERFALL])
     kept = [np.ones(len(scan), dtype=bool) for scan in (pair.reference, pair.source)]
-    shown = scene.make_scene(pair, *kept, runs, WATERFALL, Method())
+    shown = scene.make_scene(pair, *kept, runs, WATERFALL, Method(), 3.0)
     page = tmp_path / "page.html"
     page.write_text(scene.page(shown, "Apartment 6–7", "what it shows"))
     dom, console = browse(
