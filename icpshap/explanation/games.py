@@ -8,6 +8,7 @@ import pandas as pd
 
 from icpshap.errors import UserError
 from icpshap.explanation import shapley
+from icpshap.explanation.directions import directions_table
 from icpshap.explanation.doubts import (
     clean_again,
     degeneracy,
@@ -16,7 +17,6 @@ from icpshap.explanation.doubts import (
     remarks,
     remarks_of_games,
 )
-from icpshap.explanation.directions import directions_table
 from icpshap.explanation.pose_errors import pose_error_columns
 from icpshap.explanation.sample import Sample, samples
 from icpshap.explanation.shares import explain_shares, wrong_basin_shares
@@ -30,6 +30,7 @@ from icpshap.explanation.uncertainty import (
     perturbed,
     resampled,
 )
+
 
 @dataclass(frozen=True)
 class Explained:
@@ -290,9 +291,7 @@ def resampled_values(runs, estimates, instances, off, returns, method, pair, num
     mirrored = np.mean(
         [
             _mirrored(sample, sample.rows(games), method, number)
-            for sample in samples(
-                runs, estimates, off, returns, method, pair.characteristic_length
-            )
+            for sample in samples(runs, estimates, off, returns, method, pair.characteristic_length)
         ],
         axis=0,
     )

@@ -147,10 +147,9 @@ def pose_errors(xi):
 def weighted_sums(weights, values):
     """Sums (..., r, q) of values (..., n, q) over n runs under weightings (r, n).
 
-    A product of its own for each setting, and for the first weighting, which is the sample itself:
-    to the bit, no sum depends on what else is computed with it.
+    A product of its own for each setting: to the bit, no sum depends on which others there are.
     """
-    return np.concatenate([weights[:1] @ values, weights[1:] @ values], axis=-2)
+    return weights @ values
 
 
 def _add_scatter(entries, xi, weights, n):
@@ -159,11 +158,14 @@ def _add_scatter(entries, xi, weights, n):
     # difference of large numbers.
     centred = xi - np.median(xi, axis=-2, keepdims=True)
     row, column = np.triu_indices(DIMENSION)
-    values = np.concatenate([centred, centred[..., row] * centred[..., column]], axis=-1)
-    sums = np.ascontiguousarray(np.moveaxis(weighted_sums(weights, values), -1, 0))
-    mean = sums[:DIMENSION] / n
-    for k, (i, j) in enumerate(zip(row, column, strict=True), start=DIMENSION):
-        entries[i, j] = (sums[k] - n * mean[i] * mean[j]) / (n - 1)
+    products = centred[..., row] * centred[..., column]
+    mean, scatter = (
+        np.ascontiguousarray(np.moveaxis(weighted_sums(weights, values), -1, 0))
+        for values in (centred, products)
+    )
+    mean /= n
+    for k, (i, j) in enumerate(zip(row, column, strict=True)):
+        entries[i, j] = (scatter[k] - n * mean[i] * mean[j]) / (n - 1)
         entries[j, i] = entries[i, j]
 
 

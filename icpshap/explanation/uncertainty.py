@@ -77,9 +77,7 @@ def estimate(sample, games, quantities, method, leave_out=None, intervals=True, 
     return Estimate(value, low, high, ratio)
 
 
-def resampled(
-    sample, games, quantities, method, jackknife, bootstrap, leave_out=None, values=None
-):
+def resampled(sample, games, quantities, method, jackknife, bootstrap, leave_out=None, values=None):
     """Resamples of the quantities of games (i, g), for all games that keep the same runs at once.
 
     Yields members (k,), numbers of games; their `Resampling`; values (r, k, q). Games with too few

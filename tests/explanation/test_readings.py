@@ -96,7 +96,9 @@ def test_spread_of_weighted_runs_is_that_of_repeated_runs():
     )
     translation = se3.exp(repeated)[:, :3, 3]
     assert spread.mean("square_translation")[1, 3] == pytest.approx((translation**2).sum(1).mean())
-    assert spread.mean("square_rotation")[1, 3] == pytest.approx((repeated[:, :3] ** 2).sum(1).mean())
+    assert spread.mean("square_rotation")[1, 3] == pytest.approx(
+        (repeated[:, :3] ** 2).sum(1).mean()
+    )
 
 
 def test_spread_without_a_far_run_is_exact():
@@ -190,9 +192,7 @@ def test_unbiased_readings_have_the_true_mean_for_unequal_n(name):
     truth = random_covariances(6, 2)
     generator = np.random.default_rng(0)
     samples = [
-        readings.Moments(
-            wishart.rvs(n - 1, covariance, 20_000, generator) / (n - 1), np.float64(n)
-        )
+        readings.Moments(wishart.rvs(n - 1, covariance, 20_000, generator) / (n - 1), np.float64(n))
         for n, covariance in zip((30, 70), truth, strict=True)
     ]
     exact = [readings.Moments(covariance, None) for covariance in truth]

@@ -195,15 +195,18 @@ class TestWeights:
             sample.samples(runs, None, OFF, DEPENDENT, Method(), 3.0)
 
 
+def spread_of_runs(xi):
+    of_runs = {**readings.run_numbers(xi, 3.0), "lost": xi[:, 0] > 1}
+    return readings.Spread(xi, np.ones((1, 80)), (0.0, 0.0), of_runs=of_runs)
+
+
 def test_what_a_reading_says_of_itself_is_so():
     """Compares with clean: f of a sample with itself is 0. Affine invariant: as A xi moves."""
     generator = np.random.default_rng(0)
     xi = generator.normal(size=(2, 80, 6)) * np.array([1.0, 1.5])[:, None, None]
     moved = xi @ generator.normal(size=(6, 6))
     for reading in readings.READINGS.values():
-        one, other = (
-            [readings.spread(x, np.ones((1, 80)), 0.0, 0.0) for x in pair] for pair in (xi, moved)
-        )
+        one, other = ([spread_of_runs(x) for x in pair] for pair in (xi, moved))
         itself = reading.evaluate(one[0], one[0], False)
         assert np.allclose(itself, 0, atol=1e-9) == reading.compares_with_clean
         same = np.allclose(reading.evaluate(*one, False), reading.evaluate(*other, False))
