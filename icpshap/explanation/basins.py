@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from icpshap.explanation.patterns import alike
+
 NEIGHBOUR = 5
 GAP_FACTOR = 2.5
 SMALLEST_GAP = 0.1  # of the translation limit; without it a tight cloud falls apart
@@ -43,12 +45,10 @@ def find_basins(xi, length, translation, rotation):
     flat = xi.reshape(-1, *xi.shape[-2:])
     good = ~np.isnan(flat).any(axis=-1)
     wrong, lacking = np.zeros(good.shape, dtype=bool), np.ones(len(flat), dtype=bool)
-    patterns, group = np.unique(good, axis=0, return_inverse=True)
-    for index, kept in enumerate(patterns):
+    for kept, members in alike(good):
         number = kept.sum()
         if number == 0:
             continue
-        members = np.flatnonzero(group == index)
         step = max(1, ELEMENTS_AT_ONCE // number**2)
         for start in range(0, len(members), step):
             part = members[start : start + step]

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from icpshap.explanation import shapley
+from icpshap.explanation.patterns import alike
 from icpshap.explanation.uncertainty import (
     Estimate,
     columns_of,
@@ -82,10 +83,10 @@ def weakest_directions(replicates, rows, method, scaled):
     covariance = np.zeros((len(rows[0]), 6, 6))
     for sample, games in zip(replicates, rows, strict=True):
         found = np.full_like(covariance, np.nan)
-        patterns, group = np.unique(kept_runs(sample, games, method), axis=0, return_inverse=True)
-        for index in np.flatnonzero(patterns.sum(axis=1) >= sample.fewest):
-            members = np.flatnonzero(group == index)
-            weights = patterns[index][None].astype(float)
+        for kept, members in alike(kept_runs(sample, games, method)):
+            if kept.sum() < sample.fewest:
+                continue
+            weights = kept[None].astype(float)
             found[members] = sample.spread(games[members, -1], weights, method).covariance[:, 0]
         covariance += found / len(replicates)
     vectors = np.full((len(covariance), 6), np.nan)

@@ -10,6 +10,7 @@ import numpy as np
 
 from icpshap.errors import UserError
 from icpshap.explanation.intervals import Resampling, mean_interval
+from icpshap.explanation.patterns import alike
 
 BOOTSTRAP_DRAWS = 1000
 SETTINGS_AT_ONCE = 64
@@ -84,14 +85,12 @@ def resampled(sample, games, quantities, method, jackknife, bootstrap, leave_out
     runs left are passed over. Arguments as of `estimate`.
     """
     values = values or _own_values(sample, games, method)
-    kept, group = np.unique(
-        kept_runs(sample, games, method, leave_out), axis=0, return_inverse=True
-    )
     exchangeable = sample.returns.exchangeable
-    for index in np.flatnonzero(kept.sum(axis=1) >= sample.fewest):
-        members = np.flatnonzero(group == index)
+    for kept, members in alike(kept_runs(sample, games, method, leave_out)):
+        if kept.sum() < sample.fewest:
+            continue
         plan = Resampling.of(
-            kept[index], sample.noise_draw, jackknife, bootstrap, method.seed, exchangeable
+            kept, sample.noise_draw, jackknife, bootstrap, method.seed, exchangeable
         )
         by_game = values(members, plan.weights)
         yield members, plan, quantities(np.moveaxis(by_game, -1, 0))
