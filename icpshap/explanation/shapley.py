@@ -30,7 +30,7 @@ def shapley_values(game):
     A player that changes nothing gets exactly 0, without round-off.
     """
     game = np.asarray(game, dtype=float)
-    players = _players(game)
+    players = players_of(game)
     weight = _by_size(
         players - 1, lambda s: factorial(s) * factorial(players - s - 1) / factorial(players)
     )
@@ -44,7 +44,7 @@ def removal_effects(game):
     """
     game = np.asarray(game, dtype=float)
     everyone = game.shape[-1] - 1
-    without = [everyone ^ 1 << a for a in range(_players(game))]
+    without = [everyone ^ 1 << a for a in range(players_of(game))]
     return game[..., -1:] - game[..., without]
 
 
@@ -55,7 +55,7 @@ def interaction_indices(game):
     coalitions S without a and b, weighted by |S|! (M-|S|-2)! / (M-1)!.
     """
     game = np.asarray(game, dtype=float)
-    players = _players(game)
+    players = players_of(game)
     result = np.empty((*game.shape[:-1], comb(players, 2)))
     if players < 2:
         return result
@@ -80,7 +80,7 @@ def kernel_regression(game, full_weight=1e6):
     one of the full coalition becomes `full_weight`, the other meets a row of zeros.
     """
     game = np.asarray(game, dtype=float)
-    on = coalitions(_players(game)).astype(float)
+    on = coalitions(players_of(game)).astype(float)
     players = on.shape[1]
     weight = np.full(len(on), full_weight)
     for coalition, size in enumerate(on.sum(axis=1).astype(int)):
@@ -103,7 +103,8 @@ def _by_size(players, weight):
     return by_size[coalitions(players).sum(axis=1)]
 
 
-def _players(game):
+def players_of(game):
+    """Number of players M of games (..., 2^M); raises ValueError for another length."""
     players = (game.shape[-1] - 1).bit_length()
     if game.shape[-1] != 2**players or players == 0:
         raise ValueError(

@@ -16,6 +16,7 @@ from known_results import (
     PRINTED,
     STUDY,
     WATERFALL,
+    directions_table,
     fixed_of,
     of_covariances,
     pair_of_scans,
@@ -59,7 +60,16 @@ def results(tmp_path_factory):
         paths = [folder / f"{name}.svg" for name in names]
         links = [root / scope / "shap.parquet"]
         sections.append(
-            report.Section(scope, study, table, of_pairs.assign(warning=""), ranked, paths, links)
+            report.Section(
+                scope,
+                study,
+                table,
+                directions_table(),
+                of_pairs.assign(warning=""),
+                ranked,
+                paths,
+                links,
+            )
         )
     (root / "grid" / "figures" / "waterfall.html").write_text("<title>turns</title>")
     run = record.provenance({"run": ["grid", "fixed"]}, {"apartment": "archive"}, root, root)
@@ -129,7 +139,9 @@ def test_page_of_any_causes_says_what_the_estimator_returned(number, kind, tmp_p
     table = of_covariances(table) if kind == "closed_form" else table
     ranked = ranking(ranking_row("eth", causes=study.causes))
     pairs = pairs_of(table).assign(warning="")
-    section = report.Section("an_experiment", study, table, pairs, ranked, [], [])
+    section = report.Section(
+        "an_experiment", study, table, directions_table(), pairs, ranked, [], []
+    )
     page = report.page([section], record.provenance({"run": []}, {}, tmp_path, tmp_path), tmp_path)
     assert captions.returned(study) in page
     assert all(cause.title in page for cause in study.players)
