@@ -3,9 +3,10 @@
     python -m benchmarks.explanation
 
 Instances of a grid of three causes, and of seven causes with levels of their own (127 settings
-each), of 100 Gaussian runs a setting, three of which end in a wrong basin in every second setting
-(those that start there, under common random numbers); the processor's seconds of one process. Where ICPSHAP_REAL_DATA names a folder with `apartment_pair`, also the seven-cause game of
-that pair, registrations included.
+each), of 100 Gaussian runs a setting, three of which end in a wrong basin in every second setting,
+as common random numbers have it; the processor's seconds of one process. Where ICPSHAP_REAL_DATA
+names a folder with `apartment_pair`, also the seven-cause game of that pair, registrations
+included.
 """
 
 import json
