@@ -5,7 +5,6 @@ metres and radians. Directions are the axes of the reference frame at the source
 and the weakest one of the instance.
 """
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -46,8 +45,7 @@ def directions_table(replicates, instances, rows, method, pair):
     computed from, without the covariance floor; squared errors about the ground truth, of all that
     did not fail.
     """
-    # f may count runs that failed, and those have no direction.
-    method = replace(method.with_floor(0.0), divergence="kl")
+    method = method.with_floor(0.0).of_covariances
     causes = list(replicates[0].causes)
     turn = pair.to_reference_axes
     unit = np.repeat([pair.characteristic_length, 1.0], 3)  # rad to m

@@ -53,6 +53,7 @@ def degeneracy(sample, games, method):
     counted alike; floor_share: the floor's largest share in the variance of a direction; memory:
     the largest share of a pose component's variance that follows the initial pose.
     """
+    method = method.of_covariances
     names = ("logdet", "condition", "smallest_standard_deviation", "floor_share", "memory")
     columns = {name: np.full(len(games), np.nan) for name in names}
     for kept, members in alike(kept_runs(sample, games, method)):

@@ -65,6 +65,11 @@ class Method:
         return readings.READINGS[self.divergence]
 
     @property
+    def of_covariances(self):
+        """The same for what is read off covariances, in which failed runs never count."""
+        return replace(self, divergence="kl") if self.reading.bounded else self
+
+    @property
     def floor(self):
         return self.covariance_floor_rotation, self.covariance_floor_translation
 

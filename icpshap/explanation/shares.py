@@ -52,7 +52,9 @@ def wilson(share, number, quantile):
     middle = (share + square / (2 * number)) / (1 + square / number)
     half = quantile / (1 + square / number)
     half = half * np.sqrt(share * (1 - share) / number + square / (4 * number**2))
-    return np.maximum(middle - half, 0.0), np.minimum(middle + half, 1.0)
+    # Without round-off at the ends, where the interval begins or ends with the share itself.
+    low = np.where(share <= 0, 0.0, np.maximum(middle - half, 0.0))
+    return low, np.where(share >= 1, 1.0, np.minimum(middle + half, 1.0))
 
 
 def explain_shares(sample, games, on, method):

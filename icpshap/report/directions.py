@@ -29,10 +29,14 @@ NAMES = {
 
 
 class Part(NamedTuple):
-    """What a cause adds [cm^2 or deg^2], what remains without it, whether 0 is in the interval."""
+    """What a cause adds [cm^2 or deg^2], its share of the growth, what remains without it.
+
+    unsure: whether most intervals contain 0.
+    """
 
     cause: type
     value: float
+    share: float
     interval: str
     remaining: float
     unsure: bool
@@ -79,7 +83,8 @@ def _row(name, found, shown):
             interval = f" [{', '.join(ends)}]"
         remaining = factor**2 * found[f"remaining_{cause.name}"].median()
         unsure = bool(((low <= 0) & (high >= 0)).mean() > 0.5)
-        parts.append(Part(cause, factor**2 * phi.median(), interval, remaining, unsure))
+        value, share = factor**2 * phi.median(), (phi / found.growth).median()
+        parts.append(Part(cause, value, share, interval, remaining, unsure))
     told = found.words.unique()
     text = NAMES.get(name) or (told[0] if len(told) == 1 else "")
     if name == "weakest":
@@ -132,10 +137,11 @@ def _weakest(row):
     remains = ", ".join(
         f"{deviation(part.remaining)} without {part.cause.title}" for part in ranked
     )
+    along = row.words.removeprefix("weakest").strip()
     return (
-        f"Along the {row.words.replace('weakest (', 'weakest direction (', 1)} the standard "
-        f"deviation goes from {deviation(row.clean)} to {deviation(row.value)} {row.unit}; parts "
-        f"of the variance [{row.unit}²]: {parts}; it would be, in {row.unit}, {remains}."
+        f"Along the weakest direction{f' {along}' if along else ''} the standard deviation goes "
+        f"from {deviation(row.clean)} to {deviation(row.value)} {row.unit}; parts of the variance "
+        f"[{row.unit}²]: {parts}; it would be, in {row.unit}, {remains}."
     )
 
 
@@ -146,11 +152,10 @@ def _growth(row, kind):
         quantiles = f" (95 % quantile {' to '.join(ends)})"
     text = (
         f"The {kind} error (RMSE, wrong basins included) goes from {deviation(row.clean)} to "
-        f"{deviation(row.value)} {row.unit}{quantiles}; of the growth of the squared error"
+        f"{deviation(row.value)} {row.unit}{quantiles}; what the squared error grows by"
     )
-    growth = row.value - row.clean
-    if row.in_per_cent and growth > 0:
-        parts = (f"{p.cause.title} {100 * p.value / growth:.0f} %" for p in row.parts)
-        return f"{text} is due to {', '.join(parts)}."
+    if row.in_per_cent:
+        parts = (f"{p.cause.title} {100 * p.share:.0f} %" for p in row.parts)
+        return f"{text}: {', '.join(parts)}."
     parts = (f"{p.cause.title} {words.significant(p.value)}{p.interval}" for p in row.parts)
     return f"{text} [{row.unit}²]: {', '.join(parts)}."

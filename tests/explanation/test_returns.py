@@ -3,10 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from known_pair import PAIR
-from known_runs import ADDED, LEVELS, OFF, SHARED, instances, runs_table, true_game
+from known_runs import OFF, estimates_table, instances, runs_table, true_game
 
 from icpshap.errors import UserError
 from icpshap.estimators.kind import COVARIANCES, SAMPLES, Returns
@@ -17,37 +16,6 @@ from icpshap.tables import COVARIANCE, XI
 PHI = [f"phi_{name}" for name in OFF]
 BOTH = Returns(samples=True, covariances=True, exchangeable=True)
 DEPENDENT = Returns(samples=True, covariances=False)
-UPPER = np.triu_indices(6)
-
-
-def covariance_of(values):
-    """That of `known_runs`, for infinitely many runs."""
-    on = [ADDED[name] for name, value in values.items() if value != OFF[name]]
-    return np.diag(SHARED**2 + sum(added**2 for added in on))
-
-
-def estimates_table(noise_draws=1, scale=lambda draw: 1.0):
-    """Estimates of all combinations of LEVELS and of the clean setting again."""
-    settings = [
-        dict(zip(LEVELS, v, strict=True))
-        for v in np.array(np.meshgrid(*LEVELS.values(), indexing="ij")).reshape(3, -1).T.tolist()
-    ]
-    rows = []
-    for values, again in [*((v, False) for v in settings), (OFF, True)]:
-        for draw in range(noise_draws):
-            upper = scale(draw) * covariance_of(values)[UPPER]
-            rows.append(
-                {
-                    **values,
-                    "replicate": 0,
-                    "again": again,
-                    "noise_draw": draw,
-                    "status": "ok",
-                    **dict.fromkeys(XI, 0.001 * (1 + draw)),
-                    **dict(zip(COVARIANCE, upper, strict=True)),
-                }
-            )
-    return pd.DataFrame(rows)
 
 
 def explain(runs, estimates, returns, full=False, **method):

@@ -34,9 +34,9 @@ def test_per_cent_are_said_only_where_the_growth_is_sure(table):
         " ".join(directions.sentences(table.assign(in_per_cent=error & told), ONE))
         for told in (True, False)
     )
-    assert "is due to sensor noise" in sure and " %, " in sure
-    assert "is due to" not in unsure
-    assert "of the growth of the squared error [cm²]: sensor noise" in unsure
+    assert "what the squared error grows by: sensor noise" in sure and " %, " in sure
+    assert "grows by:" not in unsure
+    assert "what the squared error grows by [cm²]: sensor noise" in unsure
 
 
 def test_the_weakest_direction_is_named_with_what_remains(table):

@@ -31,7 +31,12 @@ def picture(table, study):
     axes = figure.add_subplot()
     for y, row in enumerate(rows):
         _draw(axes, y, row, shown)
-    columns = ["clean", *(fill(cause.title, 14) for cause in shown), "in all", "deviation"]
+    columns = [
+        "clean",
+        *(fill(cause.title, 14) for cause in shown),
+        "in all",
+        "standard\ndeviation",
+    ]
     axes.set_xticks(np.arange(len(columns)) + 0.5, columns)
     axes.xaxis.tick_top()
     axes.set_yticks(np.arange(len(rows)) + 0.5, [f"{fill(r.words, 26)} [{r.unit}²]" for r in rows])
