@@ -4,7 +4,7 @@ The spread of a setting is the covariance of its samples plus the mean covarianc
 plus the floor; whatever the estimator does not return is not there.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -30,7 +30,7 @@ class Sample:
     rotation [rad] first; failed, wrong_basin (S, n); no_basin (S,): the runs of the setting have
     no basin of their own; noise_draw (n,) which one a run used; weight (n,) of the samples;
     covariance (S, K, 6, 6) [rad, m] of each noise draw, or None; length [m]: the pair's
-    characteristic length.
+    characteristic length; last_f: what `uncertainty.evaluate` found last.
     """
 
     causes: tuple
@@ -46,6 +46,7 @@ class Sample:
     covariance: np.ndarray | None
     returns: Returns
     length: float
+    last_f: dict = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
     def without_runs(cls, causes, settings, returns):
