@@ -21,7 +21,7 @@ import numpy as np
 
 from icpshap.estimators.kind import SAMPLES
 from icpshap.explanation import readings, shapley
-from icpshap.explanation.basins import wrong_basin
+from icpshap.explanation.basins import find_basins
 from icpshap.explanation.games import quantities
 from icpshap.explanation.intervals import CONFIDENCE
 from icpshap.explanation.method import Method
@@ -29,6 +29,7 @@ from icpshap.explanation.sample import Sample
 from icpshap.explanation.uncertainty import estimate
 
 RUNS = 100
+LENGTH = 3.0  # m, the characteristic length
 WRONG_BASINS = ("none", "keep", "leave_out")
 CAUSES = ("sensor_noise", "initial_pose", "partial_overlap")
 QUANTITIES = (
@@ -89,6 +90,7 @@ def draw(case, generator):
     if case.wrong_basins != "none":
         wrong = generator.random((settings, RUNS, 1)) < WRONG_BASIN_RATE
         xi += wrong * OFFSET
+    basins = find_basins(xi, LENGTH, *case.method.basin)
     return Sample(
         causes=CAUSES,
         settings=ON.astype(float),
@@ -96,11 +98,13 @@ def draw(case, generator):
         xi=xi,
         initial_xi=xi,
         failed=np.zeros((len(ON), RUNS), dtype=bool),
-        wrong_basin=wrong_basin(xi, *case.method.basin),
+        wrong_basin=basins.wrong,
+        no_basin=basins.lacking,
         noise_draw=noise_draw if case.deleted == "units" else np.zeros_like(noise_draw),
         weight=np.ones(RUNS),
         covariance=None,
         returns=SAMPLES,
+        length=LENGTH,
     )
 
 

@@ -361,6 +361,7 @@ ROWS = {
     "estimates": "the covariance of a setting in one noise draw",
     "uncertainty": "a setting: a perturbation that was run on a pair",
     "shap": "an instance: a perturbation of a pair that is explained",
+    "directions": "a direction of an instance, or the squared error of one",
     "resampled": "a bootstrap resample of an instance, for the ranking of the causes",
 }
 OF_JOBS = {

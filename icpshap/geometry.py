@@ -21,3 +21,10 @@ def normals(points, neighbours):
     around = points[nearest] - points[nearest].mean(axis=1, keepdims=True)
     _, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))
     return vectors[:, :, 0]
+
+
+def root_mean_square_distance(points):
+    """Root mean square distance of points (n, 3) from their centroid; NaN for none."""
+    if len(points) == 0:
+        return np.nan
+    return float(np.sqrt(np.square(points - points.mean(axis=0)).sum(axis=1).mean()))

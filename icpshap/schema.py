@@ -14,7 +14,7 @@ END = r"$(?!\n)"
 KEY = {"type": "string", "pattern": rf"^[a-z][a-z0-9_]*{END}", "maxLength": 64}
 TITLE = {"type": "string", "pattern": rf"^[^\x00-\x1f\x7f]*{END}", "maxLength": 100}
 NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1, "uniqueItems": True}
-FIGURES = ("summary", "waterfall", "dependence", "interactions", "pairs")
+FIGURES = ("summary", "waterfall", "dependence", "interactions", "directions", "pairs")
 MOST_LEVELS = 1000  # of one cause
 SCENES = ("apartment", "stairwell", "plain")
 

@@ -55,9 +55,11 @@ _NULL = [
     Column("null_mean", "float64", _F, "mean of f between independent samples of one distribution"),
     Column("null_95", "float64", _F, "95 % quantile of f between such samples"),
 ]
+_W = "share of runs that failed or ended in a wrong basin; NaN where there is no basin"
+_REASON = Column("reason", "string", "", "why the pair was not registered; empty if it was")
 _REMARKS = [
     Column("warning", "string", "", "what makes these numbers doubtful; empty if nothing"),
-    Column("reason", "string", "", "why the pair was not registered; empty if it was"),
+    _REASON,
 ]
 _REPLICATE = Column("replicate", "int32", "", "independent repetition")
 _AGAIN = Column("again", "bool", "", "the second clean sample, with draws of its own")
@@ -78,12 +80,12 @@ def _values(causes):
     return [Column(c.name, "float64", c.unit, f"{c.title} {c.symbol}") for c in causes]
 
 
-def _estimate(name, meaning):
+def _estimate(name, meaning, unit=_F):
     """A number that is shared out of the runs, with its 95 % interval."""
     return [
-        Column(name, "float64", _F, meaning),
-        Column(f"{name}_low", "float64", _F, "lower end of its 95 % interval"),
-        Column(f"{name}_high", "float64", _F, "upper end of its 95 % interval"),
+        Column(name, "float64", unit, meaning),
+        Column(f"{name}_low", "float64", unit, "lower end of its 95 % interval"),
+        Column(f"{name}_high", "float64", unit, "upper end of its 95 % interval"),
     ]
 
 
@@ -105,6 +107,63 @@ def _shapley(cause):
         Column(f"{name}_significant", "bool", "", "its interval does not contain 0"),
         Column(f"{name}_draw_variance_ratio", "float64", "", ratio),
         *_variants(name),
+    ]
+
+
+def _removals(causes):
+    return [
+        column
+        for cause in causes
+        for column in _estimate(f"removal_{cause.name}", f"what f falls by without {cause.title}")
+    ]
+
+
+def _wrong_basins(causes):
+    """W of clean setting and instance, and what each cause contributes to it."""
+    lacking = "fewer than half of the runs of one of its settings lie together"
+    return [
+        *_estimate("clean_wrong_basin_share", "W of the clean setting", ""),
+        *_estimate("wrong_basin_share", f"W: {_W}", ""),
+        *(
+            column
+            for cause in causes
+            for column in _estimate(
+                f"wrong_basin_{cause.name}", f"Shapley value of {cause.title}: its part of W", ""
+            )
+        ),
+        *(
+            column
+            for cause in causes
+            for column in _estimate(
+                f"wrong_basin_removal_{cause.name}", f"what W falls by without {cause.title}", ""
+            )
+        ),
+        Column("no_basin", "bool", "", lacking),
+    ]
+
+
+def _shrinking(causes):
+    """Whether the spread gets smaller."""
+    half = "half the log determinant of the covariance less that of the clean one"
+    return [
+        *_estimate("entropy_difference", half, "nats"),
+        *(
+            column
+            for c in causes
+            for column in _estimate(
+                f"entropy_difference_{c.name}", f"Shapley value of {c.title}: its part", "nats"
+            )
+        ),
+        Column("shrinks", "bool", "", "the interval of the entropy difference lies below 0"),
+        *(
+            Column(f"narrows_{c.name}", "bool", "", f"that of the part of {c.title} does")
+            for c in causes
+        ),
+        *(
+            Column(f"{clean}{kind}_rmse", "float64", unit, f"{kind} RMSE {of}")
+            for kind, unit in (("translation", "m"), ("rotation", "rad"))
+            for clean, of in (("clean_", "of the clean setting"), ("", "of the instance"))
+        ),
     ]
 
 
@@ -136,6 +195,14 @@ def _pairs(causes):
         Column("reference_points", "int64", "", "points of the raw reference scan"),
         Column("source_points", "int64", "", "points of the raw source scan"),
         Column("overlap", "float64", "", "overlap ratio O at the true pose"),
+        Column(
+            "characteristic_length",
+            "float64",
+            "m",
+            "root mean square distance of the overlapping source points beyond the chain's minimum "
+            "range from their centroid",
+        ),
+        *_columns(TRANSFORM, "float64", "", "entry of the true T_reference_source, in m"),
         Column(
             "median_distance",
             "float64",
@@ -194,6 +261,8 @@ def _uncertainty(causes):
         Column("n_runs", "int32", "", "registrations that were run"),
         Column("n_failed", "int32", "", "runs whose status is neither ok nor max_iterations"),
         Column("n_wrong_basin", "int32", "", "runs in a wrong basin"),
+        *_estimate("wrong_basin_share", f"W: {_W}", ""),
+        Column("no_basin", "bool", "", "fewer than half of its runs lie together"),
         Column("n_used", "int32", "", "runs that f is computed from"),
         Column("logdet", "float64", "", "log determinant of the covariance [rad, m], with floor"),
         Column("condition", "float64", "", "its condition number, rad and m counted alike"),
@@ -236,6 +305,9 @@ def _shap(causes):
             for a, b in combinations(causes, 2)
             for column in _estimate(f"interaction_{a.name}_{b.name}", "Shapley interaction index")
         ),
+        *_removals(causes),
+        *_wrong_basins(causes),
+        *_shrinking(causes),
         Column(
             "regression_difference",
             "float64",
@@ -253,6 +325,42 @@ def _shap(causes):
         ),
         Column("no_interval", "string", "", "why there are no intervals; empty if there are"),
         *_REMARKS,
+    ]
+
+
+def _directions(causes):
+    square, error = "rad^2 or m^2", "rad or m"
+    name = "rotation_x to translation_z: along an axis of the reference; rotation, translation: in "
+    name += "total; weakest: where the instance varies most; error_...: squared error about the "
+    name += "truth, wrong basins included"
+    vector = "component of the direction in the reference's axes, rotation in units of 1/L"
+    growth = "the growth may be shown in per cent: it is positive beyond its interval, and no part "
+    growth += "is negative beyond its own"
+    parts = {
+        "phi": "Shapley value of {}: its part of the growth",
+        "removal": "what the value falls by without {}",
+        "remaining": "the value without {}",
+    }
+    return [
+        *_PAIR,
+        Column("instance", "int32", "", "number of the instance"),
+        *_values(causes),
+        Column("direction", "string", "", name),
+        Column("words", "string", "", "the direction in words"),
+        *_columns([f"vector_{k}" for k in range(6)], "float64", "", vector),
+        *_estimate("clean", "variance or mean squared error of the clean setting", square),
+        *_estimate("value", "variance or mean squared error of the instance", square),
+        *_estimate("growth", "the difference of both", square),
+        *(
+            column
+            for part, meaning in parts.items()
+            for c in causes
+            for column in _estimate(f"{part}_{c.name}", meaning.format(c.title), square)
+        ),
+        Column("in_per_cent", "bool", "", growth),
+        Column("clean_quantile_95", "float64", error, "95 % quantile of the clean setting's error"),
+        Column("quantile_95", "float64", error, "95 % quantile of the instance's error"),
+        _REASON,
     ]
 
 
@@ -278,9 +386,10 @@ TABLES = {
     "estimates": _estimates,
     "uncertainty": _uncertainty,
     "shap": _shap,
+    "directions": _directions,
     "resampled": _resampled,
 }
-WITH_CAUSES = ("runs", "estimates", "uncertainty", "shap", "resampled")
+WITH_CAUSES = ("runs", "estimates", "uncertainty", "shap", "directions", "resampled")
 
 
 def columns(table, causes=()):

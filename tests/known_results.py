@@ -5,14 +5,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import ClassVar
 
+import known_pair
+import known_runs
 import numpy as np
 import pandas as pd
 
 from icpshap import causes, estimators, tables
 from icpshap.causes.cause import Cause
 from icpshap.data.pair import Pair
-from icpshap.estimators.kind import COVARIANCES, Kind, Returns
-from icpshap.explanation import shapley
+from icpshap.estimators.kind import COVARIANCES, SAMPLES, Kind, Returns
+from icpshap.explanation import games, shapley
+from icpshap.explanation.method import Method
 from icpshap.report.study import Study
 from icpshap.tables import INITIAL_XI, XI
 
@@ -157,6 +160,17 @@ def shap_table(levels=LEVELS, pairs=(("apartment", 6, 7),), seed=0):
         n_used=100,
         n_failed=0,
         n_wrong_basin=0,
+        clean_wrong_basin_share=0.01,
+        clean_wrong_basin_share_low=0.002,
+        clean_wrong_basin_share_high=0.05,
+        wrong_basin_share=0.03,
+        wrong_basin_share_low=0.01,
+        wrong_basin_share_high=0.08,
+        no_basin=False,
+        clean_translation_rmse=0.02,
+        translation_rmse=0.05,
+        clean_rotation_rmse=0.01,
+        rotation_rmse=0.02,
         interval_over="runs",
         no_interval="",
         warning="",
@@ -172,7 +186,20 @@ def _numbers(game, names):
     values = {"f": game[:, -1]}
     values |= dict(zip([f"phi_{n}" for n in names], shapley.shapley_values(game).T, strict=True))
     values |= {f"interaction_{a}_{b}": i for (a, b), i in zip(couples, indices, strict=True)}
-    columns = {}
+    on = dict(zip(names, shapley.removal_effects(game).T, strict=True))
+    columns = {"shrinks": False}
+    for name, value in on.items():
+        for what, number in (
+            ("removal", value),
+            ("wrong_basin", 0.01 * value),
+            ("wrong_basin_removal", 0.01 * value),
+            ("entropy_difference", np.abs(value)),
+        ):
+            half = 0.5 * np.abs(number)
+            found = {"": number, "_low": number - half, "_high": number + half}
+            columns |= {f"{what}_{name}{end}": part for end, part in found.items()}
+        columns[f"narrows_{name}"] = False
+    columns |= {f"entropy_difference{end}": 2.0 for end in ("", "_low", "_high")}
     for name, value in values.items():
         half = 0.5 * (value != 0)
         columns |= {name: value, f"{name}_low": value - half, f"{name}_high": value + half}
@@ -183,10 +210,17 @@ def _numbers(game, names):
     return columns
 
 
+def directions_table():
+    """The directions of the one instance of `known_runs`, as they are explained."""
+    given = (known_runs.runs_table(), None, known_runs.instances(), known_runs.OFF, SAMPLES)
+    return games.explain(*given, Method(), known_pair.PAIR).directions
+
+
 def of_covariances(table, noise_draws=1):
     """The table as an estimator makes it that returns a covariance from each noise draw."""
     table = table.assign(n_runs=noise_draws, n_used=noise_draws, f_again=np.nan)
     table = table.assign(null_mean=0.0, null_95=0.0, interval_over="noise draws")
+    table[[c for c in table if "wrong_basin" in c and table[c].dtype == float]] = np.nan
     if noise_draws > 1:
         return table
     reason = "the estimator is deterministic, and there is one noise draw: nothing varies"

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from icpshap.explanation import readings
-from icpshap.tables import INITIAL_XI, XI
+from icpshap.tables import COVARIANCE, INITIAL_XI, XI
 
 OFF = {"sensor_noise": 0.0, "initial_pose": 1.0, "partial_overlap": 0.0}
 LEVELS = {"sensor_noise": [0.0, 0.05], "initial_pose": [1.0, 1.5], "partial_overlap": [0.0, 0.05]}
@@ -18,6 +18,7 @@ ADDED = {
     "partial_overlap": 1e-3 * np.array([0.8, 0.0, 1.2, 1.0, 2.0, 0.5]),
 }
 UNIT = {"sensor_noise": 0.05, "initial_pose": 0.5, "partial_overlap": 0.05}
+UPPER = np.triu_indices(6)
 OFFSET = np.array([0.1, 0.0, 0.05, 0.3, 0.1, 0.0])
 
 
@@ -74,6 +75,36 @@ def runs_table(seed=0, levels=LEVELS, n=100, noise_draws=1, wrong=(), failed=(),
                 )
             )
     return pd.concat(frames, ignore_index=True)
+
+
+def covariance_of(values):
+    """That of `known_runs`, for infinitely many runs."""
+    on = [ADDED[name] for name, value in values.items() if value != OFF[name]]
+    return np.diag(SHARED**2 + sum(added**2 for added in on))
+
+
+def estimates_table(noise_draws=1, scale=lambda draw: 1.0):
+    """Estimates of all combinations of LEVELS and of the clean setting again."""
+    settings = [
+        dict(zip(LEVELS, v, strict=True))
+        for v in np.array(np.meshgrid(*LEVELS.values(), indexing="ij")).reshape(3, -1).T.tolist()
+    ]
+    rows = []
+    for values, again in [*((v, False) for v in settings), (OFF, True)]:
+        for draw in range(noise_draws):
+            upper = scale(draw) * covariance_of(values)[UPPER]
+            rows.append(
+                {
+                    **values,
+                    "replicate": 0,
+                    "again": again,
+                    "noise_draw": draw,
+                    "status": "ok",
+                    **dict.fromkeys(XI, 0.001 * (1 + draw)),
+                    **dict(zip(COVARIANCE, upper, strict=True)),
+                }
+            )
+    return pd.DataFrame(rows)
 
 
 def true_game():

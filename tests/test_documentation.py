@@ -529,9 +529,9 @@ def test_the_reading_works():
     namespace = dict(vars(readings))
     exec(f"{function}\nREADINGS = {{{entry}}}", namespace)
     reading = namespace["READINGS"]["translation_entropy_difference"]
-    clean = readings.Spread(np.diag([1.0, 2, 3, 4, 5, 6]), np.float64(20), None, None)
+    clean = readings.Moments(np.diag([1.0, 2, 3, 4, 5, 6]), np.float64(20))
     scale = np.diag([9.0, 9, 9, 4, 4, 4])
-    perturbed = readings.Spread(clean.covariance @ scale, np.float64(20), None, None)
+    perturbed = readings.Moments(clean.covariance @ scale, np.float64(20))
     # Twice the standard deviation in three directions; rotation does not count.
     for unbiased in (False, True):
         assert reading.evaluate(clean, perturbed, unbiased) == pytest.approx(3 * np.log(2))

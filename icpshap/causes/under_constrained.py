@@ -9,7 +9,7 @@ import numpy as np
 from icpshap import se3
 from icpshap.causes.cause import Cause
 from icpshap.errors import PerturbationError
-from icpshap.geometry import normals
+from icpshap.geometry import normals, root_mean_square_distance
 from icpshap.options import Range
 
 NEIGHBOURS = 10  # of a normal, the point itself included
@@ -47,7 +47,7 @@ class UnderConstrained(Cause):
         return ()
 
     def check(self, pair, level):
-        if not _informing(pair).any():
+        if not pair.overlap_in_range.any():
             raise PerturbationError(
                 "under_constrained: no overlapping source point is farther from the scanner than "
                 f"minimum_range: {pair.minimum_range:g} m, expected some.\n"
@@ -67,11 +67,11 @@ def _removal(pair):
 
     The information (k + 1,) on the weakest direction that has gone before each row, and in the end.
     """
-    informing = _informing(pair)
+    informing = pair.overlap_in_range
     T = pair.T_reference_source
     source = se3.transform(T, pair.source)
     centre = source[informing].mean(axis=0)
-    length = np.sqrt(((source[informing] - centre) ** 2).sum(axis=1).mean())
+    length = root_mean_square_distance(source[informing])
 
     def rows_of(points, raw, rotation):
         across = normals(raw, NEIGHBOURS) @ rotation.T
@@ -95,8 +95,3 @@ def _in_order(information, direction, candidates):
     along = np.einsum("ni,i->n", information[rows], direction) ** 2
     order = np.argsort(-along, kind="stable")
     return rows[order], np.concatenate([[0.0], np.cumsum(along[order])])
-
-
-def _informing(pair):
-    """Mask (m,) of the overlapping source points beyond the chain's minimum range."""
-    return pair.overlapping & (np.linalg.norm(pair.source, axis=1) > pair.minimum_range)

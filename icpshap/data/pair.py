@@ -9,7 +9,7 @@ from icpshap import se3, tables
 from icpshap.data.ground_truth import ground_truth_distance
 from icpshap.data.scans import check_scan
 from icpshap.errors import DataError, PerturbationError
-from icpshap.geometry import nearest_distances
+from icpshap.geometry import nearest_distances, root_mean_square_distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +48,19 @@ class Pair:
     def overlap(self):
         """Overlap ratio O = N / |P1| (section "Partial Overlap")."""
         return self.overlapping.sum() / len(self.reference)
+
+    @property
+    def overlap_in_range(self):
+        """Mask (m,) of the overlapping source points beyond the chain's minimum range."""
+        return self.overlapping & (np.linalg.norm(self.source, axis=1) > self.minimum_range)
+
+    @property
+    def characteristic_length(self):
+        """L [m], at which a rotation counts as what it moves; NaN without overlap.
+
+        Root mean square distance of the points of `overlap_in_range` from their centroid.
+        """
+        return root_mean_square_distance(self.source[self.overlap_in_range])
 
 
 def read_pair(reference, source, poses, overlap, indices):
@@ -118,6 +131,8 @@ def describe_pair(pair, sequence, indices, *, levels, minimum_overlap, minimum_r
         "reference_points": len(pair.reference),
         "source_points": len(pair.source),
         "overlap": pair.overlap,
+        "characteristic_length": pair.characteristic_length,
+        **dict(zip(tables.TRANSFORM, pair.T_reference_source.ravel(), strict=True)),
         "median_distance": distance,
         "registered": registered,
         "reason": reason,

@@ -3,6 +3,7 @@
 import numpy as np
 
 from icpshap.explanation import readings
+from icpshap.explanation.patterns import alike
 from icpshap.explanation.uncertainty import estimate, kept_runs, perturbed
 
 AGAIN_PROBABILITY = 0.99
@@ -52,51 +53,57 @@ def degeneracy(sample, games, method):
     counted alike; floor_share: the floor's largest share in the variance of a direction; memory:
     the largest share of a pose component's variance that follows the initial pose.
     """
-    kept = kept_runs(sample, games, method)
+    method = method.of_covariances
     names = ("logdet", "condition", "smallest_standard_deviation", "floor_share", "memory")
     columns = {name: np.full(len(games), np.nan) for name in names}
-    for game in np.flatnonzero(kept.sum(axis=1) >= sample.fewest):
-        row = games[game, -1]
-        covariance = _covariance(sample, row, kept[game], method)
+    for kept, members in alike(kept_runs(sample, games, method)):
+        if kept.sum() < sample.fewest:
+            continue
+        rows = games[members, -1]
+        covariance = sample.spread(rows, kept[None].astype(float), method).covariance[:, 0]
         variances = np.linalg.eigvalsh(covariance)
-        columns["logdet"][game] = readings.log_determinant(covariance)
-        columns["condition"][game] = variances[-1] / variances[0]
-        columns["smallest_standard_deviation"][game] = np.sqrt(variances[0])
-        columns["floor_share"][game] = readings.floor_share(covariance, *method.floor)
+        columns["logdet"][members] = readings.log_determinant(covariance)
+        columns["condition"][members] = variances[:, -1] / variances[:, 0]
+        columns["smallest_standard_deviation"][members] = np.sqrt(variances[:, 0])
+        columns["floor_share"][members] = readings.floor_share(covariance, *method.floor)
         if sample.returns.exchangeable:
-            right = kept[game] & ~sample.wrong_basin[row]
-            columns["memory"][game] = memory(sample.initial_xi[row, right], sample.xi[row, right])
+            for right, others in alike(kept & ~sample.wrong_basin[rows]):
+                runs = np.ix_(rows[others], np.flatnonzero(right))
+                columns["memory"][members[others]] = memory(
+                    sample.initial_xi[runs], sample.xi[runs]
+                )
     return columns
 
 
-def _covariance(sample, row, kept, method):
-    """The covariance (6, 6) of a setting with its floor."""
-    if sample.covariance is None and (sample.weight == 1.0).all():
-        return readings.covariance(sample.xi[row, kept], *method.floor)
-    return sample.spread(row, kept[None].astype(float), method).covariance[0]
-
-
 def memory(initial_xi, xi):
-    """Largest share of a component's variance in xi (n, 6) that is linear in initial_xi (n, 6).
+    """Largest share of a component's variance in xi (..., n, 6) that is linear in initial_xi.
 
-    The adjusted R^2: about 0 where ICP converged, for then it has forgotten where it started. NaN
-    for fewer than two runs a parameter.
+    The adjusted R^2, (...): about 0 where ICP converged, for then it has forgotten where it
+    started. NaN for fewer than two runs a parameter.
     """
-    n, parameters = len(xi), initial_xi.shape[1] + 1
+    n, parameters = xi.shape[-2], initial_xi.shape[-1] + 1
     if n < 2 * parameters:
-        return np.nan
-    design = np.column_stack([np.ones(n), initial_xi])
-    residual = xi - design @ np.linalg.lstsq(design, xi)[0]
-    unexplained = np.square(residual).sum(axis=0) / (n - parameters)
-    variance = xi.var(axis=0, ddof=1)
-    share = 1.0 - np.divide(unexplained, variance, out=np.ones(6), where=variance > 0)
-    return max(0.0, share.max())
+        return np.full(xi.shape[:-2], np.nan)
+    design = np.concatenate([np.ones((*xi.shape[:-1], 1)), initial_xi], axis=-1)
+    basis, size, _ = np.linalg.svd(design, full_matrices=False)
+    # Columns that depend on others, such as a component that is never perturbed, add no direction.
+    basis = basis * (size > size[..., :1] * n * np.finfo(float).eps)[..., None, :]
+    residual = xi - basis @ (np.swapaxes(basis, -1, -2) @ xi)
+    unexplained = np.square(residual).sum(axis=-2) / (n - parameters)
+    variance = xi.var(axis=-2, ddof=1)
+    share = 1.0 - np.divide(unexplained, variance, out=np.ones_like(variance), where=variance > 0)
+    return np.maximum(0.0, share.max(axis=-1))
 
 
-def remarks(sample, n_used, clean_floor_share, clean_memory):
+def remarks(sample, method, n_used, clean_floor_share, clean_memory):
     """What makes f or phi doubtful, in words; empty if nothing does."""
     found = []
-    if n_used < sample.fewest:
+    if method.reading.needs_samples and not sample.returns.samples:
+        found.append(
+            f"the {method.reading.label} needs pose samples, which the estimator does not return: "
+            "no value"
+        )
+    elif n_used < sample.fewest:
         runs = "runs" if sample.returns.samples else "noise draws"
         found.append(f"only {n_used} {runs} left, fewer than {sample.fewest}: no value")
     if clean_floor_share > LARGE_SHARE:
@@ -125,7 +132,7 @@ def remarks_of_games(replicates, rows, n_used, n_right_basin, f_again, method):
     first = replicates[0]
     texts = []
     for n, right in zip(n_used, n_right_basin, strict=True):
-        found = [remarks(first, n, floor_share, memory)]
+        found = [remarks(first, method, n, floor_share, memory)]
         if right < first.fewest <= n:
             found.append(
                 f"fewer than {first.fewest} runs are never in a wrong basin: no value without those"

@@ -1,12 +1,14 @@
 """What each cause contributes to the uncertainty of a pair, and how sure that is: two tables."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from icpshap.errors import UserError
 from icpshap.explanation import shapley
+from icpshap.explanation.directions import directions_table
 from icpshap.explanation.doubts import (
     clean_again,
     degeneracy,
@@ -15,18 +17,19 @@ from icpshap.explanation.doubts import (
     remarks,
     remarks_of_games,
 )
-from icpshap.explanation.intervals import mean_interval
 from icpshap.explanation.pose_errors import pose_error_columns
 from icpshap.explanation.sample import Sample, samples
+from icpshap.explanation.shares import explain_shares, wrong_basin_shares
+from icpshap.explanation.shrinking import shrinking_columns
 from icpshap.explanation.uncertainty import (
     Estimate,
+    columns_of,
     estimate,
     kept_runs,
+    over_replicates,
     perturbed,
     resampled,
 )
-
-PAIR = ("sequence", "reference", "source")
 
 
 @dataclass(frozen=True)
@@ -34,14 +37,15 @@ class Explained:
     """What is read off i games of M causes: an `Estimate` (i, q) of each quantity by its name.
 
     base_value and f (q = 1): f of the clean setting and of the instance; phi (M); interactions (of
-    the couples of causes, in their order); regression (M): phi by Algorithm 1. n_used: runs left in
-    each replicate and game (replicates, i).
+    the couples of causes, in their order); removal (M): what f falls by without a cause; regression
+    (M): phi by Algorithm 1. n_used: runs left in each replicate and game (replicates, i).
     """
 
     base_value: Estimate
     f: Estimate
     phi: Estimate
     interactions: Estimate
+    removal: Estimate
     regression: Estimate
     n_used: np.ndarray
 
@@ -51,6 +55,7 @@ QUANTITIES = {
     "f": lambda game: game[..., -1:],
     "phi": shapley.shapley_values,
     "interactions": shapley.interaction_indices,
+    "removal": shapley.removal_effects,
     "regression": shapley.kernel_regression,
 }
 
@@ -69,11 +74,7 @@ def explain_games(replicates, rows, method, **options):
         estimate(sample, row, quantities, method, **options)
         for sample, row in zip(replicates, rows, strict=True)
     ]
-    together = found[0]
-    if len(found) > 1:
-        value, low, high = mean_interval(np.array([part.value for part in found]))
-        ratio = np.mean([part.draw_variance_ratio for part in found], axis=0)
-        together = Estimate(value, low, high, ratio)
+    together = over_replicates(found)
     left_out = options.get("leave_out")
     n_used = [
         kept_runs(sample, row, method, left_out).sum(axis=1)
@@ -86,13 +87,21 @@ def explain_games(replicates, rows, method, **options):
     return Explained(**by_name, n_used=np.array(n_used))
 
 
-def explain(runs, estimates, instances, off, returns, method, pair, reason=""):
-    """Uncertainty table (a row per setting and replicate) and shap table (a row per instance).
+class Explanation(NamedTuple):
+    """The tables of a pair: a row per setting and replicate, per instance, per direction of one."""
 
-    runs, estimates: tables of one pair (None if not returned); instances: table with `instance` and
-    a column per cause; off: reference value of each cause by name; returns: kind.Returns; pair:
-    (sequence, reference, source). With a reason the pair was not registered: both tables hold NaN
-    and that reason.
+    uncertainty: pd.DataFrame
+    shap: pd.DataFrame
+    directions: pd.DataFrame
+
+
+def explain(runs, estimates, instances, off, returns, method, pair, reason=""):
+    """The `Explanation` of one pair.
+
+    runs, estimates: its tables (None if not returned); instances: table with `instance` and a
+    column per cause; off: reference value of each cause by name; returns: kind.Returns; pair:
+    `scan_pair.ScanPair`. With a reason the pair was not registered: the tables hold NaN and that
+    reason.
     """
     reference = list(off.values())
     games = shapley.coalition_values(instances[list(off)], reference)
@@ -100,7 +109,8 @@ def explain(runs, estimates, instances, off, returns, method, pair, reason=""):
         settings = np.unique(games.reshape(-1, len(off)), axis=0)
         replicates = [Sample.without_runs(off, settings, returns)]
     else:
-        replicates = samples(runs, estimates, off, returns, method)
+        replicates = samples(runs, estimates, off, returns, method, pair.characteristic_length)
+    rows = [sample.rows(games) for sample in replicates]
     uncertainty = pd.concat(
         [
             uncertainty_table(sample, reference, method).assign(replicate=replicate)
@@ -108,14 +118,18 @@ def explain(runs, estimates, instances, off, returns, method, pair, reason=""):
         ],
         ignore_index=True,
     )
-    shap = shap_table(replicates, instances, games, method)
-    for table in (uncertainty, shap):
-        table["reason"] = reason
-        if reason:
-            table["warning"] = ""
-        for position, column in enumerate(PAIR):
-            table.insert(position, column, pair[position])
-    return uncertainty, shap
+    shap = shap_table(replicates, instances, rows, off, method)
+    directions = directions_table(replicates, instances, rows, method, pair)
+    if reason:
+        uncertainty["warning"] = shap["warning"] = ""
+    tables = (uncertainty, shap, directions)
+    return Explanation(*(_of_pair(pair, table, reason=reason) for table in tables))
+
+
+def _of_pair(pair, table, **columns):
+    """A table with the columns that name the pair before its own, and others behind."""
+    named = pd.DataFrame(pair.columns, index=table.index)
+    return pd.concat([named, table, pd.DataFrame(columns, index=table.index)], axis=1)
 
 
 def uncertainty_table(sample, reference, method):
@@ -129,6 +143,7 @@ def uncertainty_table(sample, reference, method):
     plain = replace(method, divergence="kl", bias_correction="none")
     kl = estimate(sample, games, perturbed, plain, intervals=False)
     f = estimate(sample, games, perturbed, method)
+    share, share_low, share_high = wrong_basin_shares(sample)
     n_used = kept_runs(sample, games, method).sum(axis=1)
     null_mean, null_95 = null(n_used, sample, method)
     covariance = degeneracy(sample, games, method)
@@ -146,24 +161,31 @@ def uncertainty_table(sample, reference, method):
             "n_runs": sample.xi.shape[1],
             "n_failed": sample.failed.sum(axis=1),
             "n_wrong_basin": sample.wrong_basin.sum(axis=1),
+            "wrong_basin_share": share,
+            "wrong_basin_share_low": share_low,
+            "wrong_basin_share_high": share_high,
+            "no_basin": sample.no_basin,
             "n_used": n_used,
             **covariance,
             **pose_error_columns(sample),
             "warning": [
-                remarks(sample, n, covariance["floor_share"][clean], covariance["memory"][clean])
+                remarks(
+                    sample, method, n, covariance["floor_share"][clean], covariance["memory"][clean]
+                )
                 for n in n_used
             ],
         }
     )
 
 
-def shap_table(replicates, instances, games, method):
+def shap_table(replicates, instances, rows, off, method):
     """A row per instance: f, Shapley values and interactions with intervals, and sensitivities.
 
-    replicates: list of `Sample`; games (i, 2^M, M): the settings of each instance's coalitions.
+    replicates: list of `Sample`; rows: of each, those (i, 2^M) of the settings of each instance's
+    coalitions; off: reference value of each cause by name.
     """
     causes = list(replicates[0].causes)
-    rows = [sample.rows(games) for sample in replicates]
+    on = (instances[causes] != pd.Series(off)).to_numpy()
     found = explain_games(replicates, rows, method)
     n_used = found.n_used.min(axis=0)
     f_again = np.mean([clean_again(sample, method) for sample in replicates])
@@ -177,12 +199,15 @@ def shap_table(replicates, instances, games, method):
     null_mean, null_95 = null(n_used, replicates[0], method)
     columns = {
         "base_value": found.base_value.value[:, 0],
-        **_columns(["f"], found.f),
+        **columns_of(["f"], found.f),
         **_variant_columns(["f"], {kind: other.f for kind, other in variants.items()}),
         **_phi_columns(causes, found, variants),
-        **_columns(
+        **columns_of(
             [f"interaction_{a}_{b}" for a, b in shapley.couples(causes)], found.interactions
         ),
+        **columns_of([f"removal_{cause}" for cause in causes], found.removal),
+        **_share_columns(causes, replicates, rows, on, method),
+        **shrinking_columns(replicates, rows, method),
         "regression_difference": _regression_difference(found),
         "f_again": f_again,
         "null_mean": null_mean,
@@ -195,15 +220,33 @@ def shap_table(replicates, instances, games, method):
         "no_interval": no_interval(replicates),
         "warning": remarks_of_games(replicates, rows, n_used, n_right_basin, f_again, method),
     }
-    return instances[["instance", *causes]].reset_index(drop=True).assign(**columns)
+    explained = instances[["instance", *causes]].reset_index(drop=True)
+    return pd.concat([explained, pd.DataFrame(columns, index=explained.index)], axis=1)
 
 
-def _columns(names, estimate):
-    columns = {}
-    for q, name in enumerate(names):
-        value, low, high = estimate.value[:, q], estimate.low[:, q], estimate.high[:, q]
-        columns |= {name: value, f"{name}_low": low, f"{name}_high": high}
-    return columns
+def _share_columns(causes, replicates, rows, on, method):
+    """W of the clean setting and the instance, and what each cause contributes to it."""
+    found = [
+        explain_shares(sample, row, on, method)
+        for sample, row in zip(replicates, rows, strict=True)
+    ]
+    phi, removal = (over_replicates(list(parts)) for parts in zip(*found, strict=True))
+    of_settings = [
+        wrong_basin_shares(sample)[:, row] for sample, row in zip(replicates, rows, strict=True)
+    ]
+    clean, low, high = np.mean([share[..., 0] for share in of_settings], axis=0)
+    columns = {"clean_wrong_basin_share": clean}
+    columns |= {"clean_wrong_basin_share_low": low, "clean_wrong_basin_share_high": high}
+    share, low, high = np.mean([share[..., -1] for share in of_settings], axis=0)
+    columns |= {"wrong_basin_share": share}
+    columns |= {"wrong_basin_share_low": low, "wrong_basin_share_high": high}
+    lacking = [sample.no_basin[row] for sample, row in zip(replicates, rows, strict=True)]
+    return {
+        **columns,
+        **columns_of([f"wrong_basin_{cause}" for cause in causes], phi),
+        **columns_of([f"wrong_basin_removal_{cause}" for cause in causes], removal),
+        "no_basin": np.any(lacking, axis=(0, 2)),
+    }
 
 
 def _variant_columns(names, variants):
@@ -217,7 +260,7 @@ def _variant_columns(names, variants):
 def _phi_columns(causes, found, variants):
     names = [f"phi_{cause}" for cause in causes]
     low, high = found.phi.low, found.phi.high
-    columns = _columns(names, found.phi)
+    columns = columns_of(names, found.phi)
     columns |= _variant_columns(names, {kind: other.phi for kind, other in variants.items()})
     for q, name in enumerate(names):
         columns[f"{name}_significant"] = (low[:, q] > 0) | (high[:, q] < 0)
@@ -248,7 +291,7 @@ def resampled_values(runs, estimates, instances, off, returns, method, pair, num
     mirrored = np.mean(
         [
             _mirrored(sample, sample.rows(games), method, number)
-            for sample in samples(runs, estimates, off, returns, method)
+            for sample in samples(runs, estimates, off, returns, method, pair.characteristic_length)
         ],
         axis=0,
     )
@@ -260,9 +303,7 @@ def resampled_values(runs, estimates, instances, off, returns, method, pair, num
         index=index,
         columns=[f"phi_{name}" for name in off],
     ).reset_index()
-    for position, column in enumerate(PAIR):
-        table.insert(position, column, pair[position])
-    return table
+    return _of_pair(pair, table)
 
 
 def _mirrored(sample, rows, method, number):

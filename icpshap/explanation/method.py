@@ -41,14 +41,14 @@ class Method:
     )
     wrong_basin_translation: float = option(
         0.1,
-        "Further than this from the setting's median is a wrong basin",
+        "Further than this from the setting's centre, and outside its own bulk, is a wrong basin",
         unit="m",
         above=0,
         maximum=1e6,
     )
     wrong_basin_rotation: float = option(
         2.0,
-        "Further than this from the setting's median is a wrong basin",
+        "Further than this from the setting's centre, and outside its own bulk, is a wrong basin",
         unit="deg",
         above=0,
         maximum=360,
@@ -63,6 +63,11 @@ class Method:
     @property
     def reading(self):
         return readings.READINGS[self.divergence]
+
+    @property
+    def of_covariances(self):
+        """The same for what is read off covariances, in which failed runs never count."""
+        return replace(self, divergence="kl") if self.reading.bounded else self
 
     @property
     def floor(self):

@@ -28,6 +28,8 @@ def ranking_table(shap, resampled, causes, paper=None, order=(), seed=0):
     `probability` is the share of the bootstrap in which each cause of the order exceeds the next,
     `p` the largest of the one-sided p values of these steps, `p_holm` that after Holm's correction
     for the number of sequences; with fewer than two causes in order all are NaN, and so is `order`.
+    From fewer than five pairs there are medians, but no statistics of how pairs differ: no outlier
+    rule is applied and no order judged; `warning` says so.
     """
     order = [name for name in order if name in causes]
     rows = []
@@ -43,7 +45,7 @@ def ranking_table(shap, resampled, causes, paper=None, order=(), seed=0):
         n_pairs = len(values)
         if n_pairs == 0:
             values, draws = (np.full((*[1] * k, len(causes)), np.nan) for k in (2, 3))
-        for rule in OUTLIER_RULES:
+        for rule in OUTLIER_RULES if n_pairs >= FEW_PAIRS else OUTLIER_RULES[:1]:
             generator = np.random.default_rng(seed)
             medians = bootstrap_medians(np.moveaxis(draws, 2, 0), rule, generator)
             row = {"sequence": sequence, "outlier_rule": rule, "n_pairs": n_pairs}
@@ -51,7 +53,7 @@ def ranking_table(shap, resampled, causes, paper=None, order=(), seed=0):
             if n_pairs == 1 and values.size == len(causes) and row["n_removed"] == 0:
                 row |= _own_intervals(table, causes)
             row |= _agreement(row, sequence, paper, causes)
-            row |= _order(medians, causes, order)
+            row |= _order(medians, causes, order if n_pairs >= FEW_PAIRS else ())
             rows.append(row | {"warning": _few_pairs(n_pairs)})
     table = pd.DataFrame(rows)
     for _, part in table.groupby("outlier_rule"):
@@ -177,4 +179,8 @@ def _order(medians, causes, order):
 def _few_pairs(number):
     if number >= FEW_PAIRS:
         return ""
-    return f"only {number} pairs with values: how pairs differ is hardly seen"
+    pairs = "1 pair" if number == 1 else f"{number} pairs"
+    return (
+        f"{pairs} with values, fewer than {FEW_PAIRS}: too few to see how pairs differ, so no "
+        "outlier is removed and no order of the causes is judged"
+    )

@@ -1,4 +1,4 @@
-"""How far two samples of pose errors lie apart: the value f that is explained.
+"""How uncertain a setting is: the value f that is explained.
 
 A reading is an entry of `READINGS`; what it may look at is a `Spread`. A sample holds n pose errors
 xi = [rotation (rad); translation (m)] of one setting. Every function works on any number of leading
@@ -10,29 +10,89 @@ covariance.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import digamma
 
 DIMENSION = 6
 GOOD_STATUS = ("ok", "max_iterations")  # of the runs that enter covariances
+SMALLEST_ERROR = 1e-3  # m; keeps the logarithm of the error of a run that lies on the median
 NULL_DRAWS = 10_000
+
+
+class Moments(NamedTuple):
+    """Covariance (..., 6, 6) [rad, m] and number of runs (...), all that some readings look at."""
+
+    covariance: np.ndarray
+    n: np.ndarray
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Second moments of weighted samples, leading dimensions (...).
+    """Weighted samples xi (..., n, 6) under each of r weightings (r, n); averages are (..., r).
 
-    covariance (..., 6, 6) with the floor added [rad^2, rad m, m^2]; n (...) number of runs; mean
-    squares (...) of the pose error about the ground truth (not about the sample's mean), rotation
-    [rad^2] and translation [m^2].
+    Weight 0 leaves a run out (a failed one, NaN, in every weighting), weight 2 counts it twice.
+    floor: standard deviations [rad, m] added in squares; added (..., r, 6, 6): a covariance that
+    the estimator itself gives; scatters: whether the scatter of xi counts besides; of_runs: numbers
+    (..., n) of the runs by name, such as `run_numbers` gives.
     """
 
-    covariance: np.ndarray
-    n: np.ndarray
-    mean_square_rotation: np.ndarray
-    mean_square_translation: np.ndarray
+    xi: np.ndarray
+    weights: np.ndarray
+    floor: tuple[float, float]
+    added: np.ndarray | float = 0.0
+    scatters: bool = True
+    of_runs: dict | None = None
+
+    @cached_property
+    def _used(self):
+        return self.weights.any(axis=0)
+
+    @cached_property
+    def n(self):
+        """Number of runs (r,)."""
+        return self.weights.sum(axis=1)
+
+    @cached_property
+    def covariance(self):
+        """Covariance (..., r, 6, 6) with the floor [rad^2, rad m, m^2]."""
+        shape = (DIMENSION, DIMENSION, *self.xi.shape[:-2], len(self.weights))
+        # Entries first, so that what is computed of all matrices at once lies side by side.
+        entries = np.zeros(shape)
+        if self.scatters:
+            weights = self.weights[:, self._used].astype(float)
+            _add_scatter(entries, self.xi[..., self._used, :], weights, self.n)
+        result = np.moveaxis(entries, (0, 1), (-2, -1))
+        result += floor_matrix(*self.floor)
+        result += self.added
+        return result
+
+    def mean(self, name):
+        """Weighted mean (..., r) of a number of the runs."""
+        values = self.of_runs[name][..., self._used]
+        return weighted_sums(self.weights[:, self._used], values[..., None])[..., 0] / self.n
+
+
+def run_numbers(xi, length):
+    """Numbers of runs (..., n) with pose errors xi (..., n, 6), NaN where they failed, by name.
+
+    square_rotation [rad^2], square_translation [m^2]: squared errors about the ground truth;
+    log_error: ln sqrt(L^2 |rotation|^2 + |translation|^2 + (1 mm)^2) about the component medians of
+    the setting's runs that did not fail, with the pair's characteristic length L [m].
+    """
+    translation, rotation = pose_errors(xi)
+    median = np.median(xi, axis=-2)
+    failed = np.isnan(xi).any(axis=-1)
+    some = failed.any(axis=-1) & ~failed.all(axis=-1)
+    median[some] = np.nanmedian(xi[some], axis=-2)
+    away = np.square((xi - median[..., None, :]) * np.repeat([length, 1.0], 3)).sum(axis=-1)
+    return {
+        "square_rotation": np.square(rotation),
+        "square_translation": np.square(translation),
+        "log_error": 0.5 * np.log(away + SMALLEST_ERROR**2),
+    }
 
 
 @dataclass(frozen=True)
@@ -42,7 +102,9 @@ class Reading:
     `unbiased` takes away what sampling alone adds on average for Gaussian samples *independent*
     of one another. compares_with_clean: f of the clean setting is 0 by identity. affine_invariant:
     f of two samples of one distribution does not depend on which; only then is there a null, of
-    which `null_factor` is the mean, in units of the KL's.
+    which `null_factor` is the mean, in units of the KL's. needs_samples: covariances alone do not
+    tell; bounded: far runs do not decide it, so that none are left out; counts_failed: nor are
+    those that failed.
     """
 
     label: str
@@ -51,6 +113,9 @@ class Reading:
     compares_with_clean: bool
     affine_invariant: bool
     null_factor: float = np.nan
+    needs_samples: bool = False
+    bounded: bool = False
+    counts_failed: bool = False
 
 
 def floor_matrix(rotation, translation):
@@ -79,41 +144,55 @@ def pose_errors(xi):
     return np.sqrt(np.maximum(square - shrink * orthogonal, 0.0)), angle
 
 
-def spread(xi, weights, floor_rotation, floor_translation, added=0.0, scatters=True):
-    """`Spread` (..., r) of samples xi (..., n, 6) under each of r weightings (r, n) of their runs.
+def weighted_sums(weights, values):
+    """Sums (..., r, q) of values (..., n, q) over n runs under weightings (r, n).
 
-    Weight 0 leaves a run out (a failed one, NaN, in every weighting), weight 2 counts it twice.
-    added (..., r, 6, 6): a covariance that the estimator itself gives; scatters: whether the
-    scatter of xi counts besides.
+    A product of its own for each setting: to the bit, no sum depends on which others there are.
     """
-    used = weights.any(axis=0)
-    xi, weights = xi[..., used, :], weights[:, used].astype(float)
-    n = weights.sum(axis=1)
-    result = np.zeros((*xi.shape[:-2], len(weights), DIMENSION, DIMENSION))
-    if scatters:
-        _add_scatter(result, xi, weights, n)
-    result += floor_matrix(floor_rotation, floor_translation)
-    result += added
-    translation, rotation = pose_errors(xi)
-    squares = [np.square(error) @ weights.T / n for error in (rotation, translation)]
-    return Spread(result, n, *squares)
+    return weights @ values
 
 
-def _add_scatter(covariance, xi, weights, n):
-    """Put the sample covariance of xi (..., n, 6) into (..., r, 6, 6)."""
+def _add_scatter(entries, xi, weights, n):
+    """Put the sample covariance of xi (..., n, 6) into its entries (6, 6, ..., r)."""
     # About the median: when one far-off run is left out, the spread of the others must not be a
     # difference of large numbers.
     centred = xi - np.median(xi, axis=-2, keepdims=True)
-    mean = weights @ centred / n[:, None]
     row, column = np.triu_indices(DIMENSION)
-    scatter = weights @ (centred[..., row] * centred[..., column])
-    scatter -= n[:, None] * mean[..., row] * mean[..., column]
-    covariance[..., row, column] = covariance[..., column, row] = scatter / (n - 1)[:, None]
+    products = centred[..., row] * centred[..., column]
+    mean, scatter = (
+        np.ascontiguousarray(np.moveaxis(weighted_sums(weights, values), -1, 0))
+        for values in (centred, products)
+    )
+    mean /= n
+    for k, (i, j) in enumerate(zip(row, column, strict=True)):
+        entries[i, j] = (scatter[k] - n * mean[i] * mean[j]) / (n - 1)
+        entries[j, i] = entries[i, j]
+
+
+def cholesky(covariance):
+    """Lower triangles (6, 6, ...) of positive definite matrices (..., 6, 6), entries first.
+
+    Of many small matrices at once: numpy's own takes them one by one. Raises LinAlgError.
+    """
+    dimension = covariance.shape[-1]
+    lower = np.zeros((dimension, dimension, *covariance.shape[:-2]))
+    for j in range(dimension):
+        pivot = covariance[..., j, j] - np.square(lower[j, :j]).sum(axis=0)
+        if not (pivot > 0).all():
+            raise np.linalg.LinAlgError("Matrix is not positive definite")
+        lower[j, j] = np.sqrt(pivot)
+        for i in range(j + 1, dimension):
+            rest = covariance[..., i, j]
+            for k in range(j):
+                rest = rest - lower[i, k] * lower[j, k]
+            lower[i, j] = rest / lower[j, j]
+    return lower
 
 
 def log_determinant(covariance):
     """Natural logarithm of the determinant of positive definite matrices (..., 6, 6)."""
-    return 2.0 * np.log(np.diagonal(np.linalg.cholesky(covariance), axis1=-2, axis2=-1)).sum(-1)
+    lower = cholesky(covariance)
+    return 2.0 * np.log(np.stack([lower[k, k] for k in range(len(lower))])).sum(axis=0)
 
 
 def kullback_leibler(clean, perturbed, trace_factor=1.0):
@@ -122,12 +201,20 @@ def kullback_leibler(clean, perturbed, trace_factor=1.0):
     1/2 [ tr(perturbed^-1 clean) - 6 + ln det perturbed - ln det clean ]. Raises LinAlgError if a
     matrix is not positive definite.
     """
-    clean_factor, perturbed_factor = np.linalg.cholesky(clean), np.linalg.cholesky(perturbed)
-    ratio = np.linalg.solve(perturbed_factor, clean_factor)
-    # The ratio of two lower triangles is one: its diagonal carries the determinants.
-    logarithms = np.log(np.diagonal(ratio, axis1=-2, axis2=-1)).sum(-1)
-    dimension = clean.shape[-1]
-    return 0.5 * (trace_factor * np.square(ratio).sum((-1, -2)) - dimension) - logarithms
+    of_clean, of_perturbed = cholesky(clean), cholesky(perturbed)
+    dimension = len(of_clean)
+    # Of the ratio of the two lower triangles, itself one, only squares and diagonal are needed.
+    trace, logarithms = 0.0, 0.0
+    for j in range(dimension):
+        column = []
+        for i in range(j, dimension):
+            rest = of_clean[i, j]
+            for k, above in enumerate(column, start=j):
+                rest = rest - of_perturbed[i, k] * above
+            column.append(rest / of_perturbed[i, i])
+            trace = trace + np.square(column[-1])
+        logarithms = logarithms + np.log(column[0])
+    return 0.5 * (trace_factor * trace - dimension) - logarithms
 
 
 def trace_factor(n, dimension=DIMENSION):
@@ -173,11 +260,19 @@ def _entropy_difference(clean, perturbed, unbiased):
 
 
 def _translation_rmse(clean, perturbed, unbiased):
-    return np.sqrt(perturbed.mean_square_translation)
+    return np.sqrt(perturbed.mean("square_translation"))
 
 
 def _rotation_rmse(clean, perturbed, unbiased):
-    return np.sqrt(perturbed.mean_square_rotation)
+    return np.sqrt(perturbed.mean("square_rotation"))
+
+
+def _log_error(clean, perturbed, unbiased):
+    return perturbed.mean("log_error")
+
+
+def _wrong_basin_share(clean, perturbed, unbiased):
+    return perturbed.mean("lost")
 
 
 READINGS = {
@@ -189,8 +284,31 @@ READINGS = {
     ),
     "translation_rmse": Reading("translation RMSE", "m", _translation_rmse, False, False),
     "rotation_rmse": Reading("rotation RMSE", "rad", _rotation_rmse, False, False),
+    "log_error": Reading(
+        "logarithm of the error about the median pose",
+        "nats",
+        _log_error,
+        False,
+        False,
+        needs_samples=True,
+        bounded=True,
+    ),
+    "wrong_basin_share": Reading(
+        "share of runs in a wrong basin",
+        "of 1",
+        _wrong_basin_share,
+        False,
+        False,
+        needs_samples=True,
+        bounded=True,
+        counts_failed=True,
+    ),
 }
-"""The meanings of f, by config value; symmetric_kl is the sum of both directions (Jeffreys)."""
+"""The meanings of f, by config value.
+
+symmetric_kl is the sum of both directions (Jeffreys); log_error is V and wrong_basin_share W, whose
+runs are all those that did not fail, and all.
+"""
 
 
 def null_mean(reading, n, unbiased=False):
@@ -221,5 +339,5 @@ def _null_values(reading, n, unbiased):
 
     generator = np.random.default_rng(n)
     samples = wishart.rvs(n - 1, np.eye(DIMENSION), (2, NULL_DRAWS), generator) / (n - 1)
-    clean, perturbed = (Spread(sample, np.float64(n), None, None) for sample in samples)
+    clean, perturbed = (Moments(sample, np.float64(n)) for sample in samples)
     return READINGS[reading].evaluate(clean, perturbed, unbiased)

@@ -4,7 +4,8 @@ The spread of a setting is the covariance of its samples plus the mean covarianc
 plus the floor; whatever the estimator does not return is not there.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -12,7 +13,7 @@ import pandas as pd
 from icpshap.errors import UserError
 from icpshap.estimators.kind import Returns
 from icpshap.explanation import readings
-from icpshap.explanation.basins import wrong_basin
+from icpshap.explanation.basins import find_basins
 from icpshap.tables import COVARIANCE, INITIAL_XI, XI
 
 FEWEST_RUNS = 50  # independent ones, from which a covariance is computed
@@ -26,8 +27,10 @@ class Sample:
     A run is a pose sample or, of an estimator that returns covariances alone, its estimate in one
     noise draw. causes (M) names; settings (S, M) their values; again (S,) marks the clean setting
     with random draws of its own; xi and initial_xi (S, n, 6) errors of final and initial pose,
-    rotation [rad] first; failed, wrong_basin (S, n); noise_draw (n,) which one a run used; weight
-    (n,) of the samples; covariance (S, K, 6, 6) [rad, m] of each noise draw, or None.
+    rotation [rad] first; failed, wrong_basin (S, n); no_basin (S,): the runs of the setting have
+    no basin of their own; noise_draw (n,) which one a run used; weight (n,) of the samples;
+    covariance (S, K, 6, 6) [rad, m] of each noise draw, or None; length [m]: the pair's
+    characteristic length; last_f: what `uncertainty.evaluate` found last.
     """
 
     causes: tuple
@@ -37,10 +40,13 @@ class Sample:
     initial_xi: np.ndarray
     failed: np.ndarray
     wrong_basin: np.ndarray
+    no_basin: np.ndarray
     noise_draw: np.ndarray
     weight: np.ndarray
     covariance: np.ndarray | None
     returns: Returns
+    length: float
+    last_f: dict = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
     def without_runs(cls, causes, settings, returns):
@@ -48,8 +54,21 @@ class Sample:
         marks = np.zeros((len(settings), 0), dtype=bool)
         xi = np.zeros((*marks.shape, 6))
         again = np.zeros(len(settings), dtype=bool)
-        none = np.zeros(0)
-        return cls(tuple(causes), settings, again, xi, xi, marks, marks, none, none, None, returns)
+        return cls(
+            causes=tuple(causes),
+            settings=settings,
+            again=again,
+            xi=xi,
+            initial_xi=xi,
+            failed=marks,
+            wrong_basin=marks,
+            no_basin=again,
+            noise_draw=np.zeros(0),
+            weight=np.zeros(0),
+            covariance=None,
+            returns=returns,
+            length=np.nan,
+        )
 
     @property
     def fewest(self):
@@ -80,30 +99,83 @@ class Sample:
             )
         return rows.reshape(values.shape[:-1])
 
+    @property
+    def lost(self):
+        """Runs (S, n) that did not end in their setting's own basin: failed, or in a wrong one."""
+        return self.failed | self.wrong_basin
+
+    @cached_property
+    def _of_runs(self):
+        """Numbers (S, n) of the runs, which readings average."""
+        xi = np.where(self.failed[..., None], np.nan, self.xi)
+        return {**readings.run_numbers(xi, self.length), "lost": self._share_lost()}
+
+    def _share_lost(self):
+        return np.where(self.no_basin[:, None], np.nan, self.lost.astype(float))
+
     def spread(self, rows, weights, method):
         """`readings.Spread` of settings `rows` (...) under each weighting (r, n) of the runs."""
-        return readings.spread(
+        return readings.Spread(
             self.xi[rows],
             weights * self.weight,
-            *method.floor,
+            method.floor,
             added=self._mean_covariance(rows, weights),
             scatters=self.returns.samples,
+            of_runs={name: values[rows] for name, values in self._of_runs.items()},
         )
 
+    def variance_along(self, rows, vectors, weights):
+        """Variance (..., r) of settings `rows` (...) along vectors (..., d, 6), summed over d.
+
+        Under each weighting (r, n) of the runs, without a floor [rad^2 or m^2].
+        """
+        result = np.zeros((*rows.shape, len(weights)))
+        if self.returns.samples:
+            used = weights.any(axis=0)
+            weighted = (weights * self.weight)[:, used]
+            along = self.xi[rows][..., used, :] @ np.swapaxes(vectors, -1, -2)
+            along = along - np.median(along, axis=-2, keepdims=True)
+            square = np.square(along).sum(axis=-1, keepdims=True)
+            n = weighted.sum(axis=1)
+            sums = readings.weighted_sums(weighted, np.concatenate([along, square], axis=-1))
+            scatter = sums[..., -1] - np.square(sums[..., :-1]).sum(axis=-1) / n
+            result += scatter / (n - 1)
+        if self.covariance is not None:
+            of_draws = np.nan_to_num(self.covariance[rows])
+            along = np.einsum("...di,...kij,...dj->...k", vectors, of_draws, vectors)
+            result += along @ self._share_of_draws(weights).T
+        return result
+
+    def numbers(self, name):
+        """A number (S, n) of the runs, of those that `readings.run_numbers` gives."""
+        return self._of_runs[name]
+
+    def mean(self, name, rows, weights):
+        """Weighted mean (..., r) of a number of the runs of settings `rows` (...)."""
+        used = weights.any(axis=0)
+        weighted = (weights * self.weight)[:, used]
+        values = self._of_runs[name][rows][..., used, None]
+        return readings.weighted_sums(weighted, values)[..., 0] / weighted.sum(axis=1)
+
     def _mean_covariance(self, rows, weights):
-        """Mean (..., r, 6, 6) over the noise draws, a draw counting as much as its runs."""
+        """Mean (..., r, 6, 6) over the noise draws."""
         if self.covariance is None:
             return 0.0
-        share = weights @ (self.noise_draw[:, None] == np.unique(self.noise_draw))
-        share = share / share.sum(axis=1, keepdims=True)
         # A draw that failed is left out with all of its runs.
-        return np.einsum("rk,...kab->...rab", share, np.nan_to_num(self.covariance[rows]))
+        of_draws = np.nan_to_num(self.covariance[rows])
+        return np.einsum("rk,...kab->...rab", self._share_of_draws(weights), of_draws)
+
+    def _share_of_draws(self, weights):
+        """What each noise draw counts (r, K) under each weighting: as much as its runs."""
+        share = weights @ (self.noise_draw[:, None] == np.unique(self.noise_draw))
+        return share / share.sum(axis=1, keepdims=True)
 
 
-def samples(runs, estimates, causes, returns, method):
+def samples(runs, estimates, causes, returns, method, length):
     """One `Sample` per replicate of a pair's tables of runs and estimates (None if not returned).
 
-    causes: names of those of the experiment. Raises UserError if the settings differ in their runs.
+    causes: names of those of the experiment; length [m]: the pair's characteristic length. Raises
+    UserError if the settings differ in their runs.
     """
     keys = ["replicate", "again", *causes]
     if estimates is not None:
@@ -117,7 +189,7 @@ def samples(runs, estimates, causes, returns, method):
         _check_complete(runs, keys, "run")
     of_replicate = dict(list(estimates.groupby("replicate"))) if estimates is not None else {}
     return [
-        _sample(part, of_replicate.get(replicate), tuple(causes), returns, method)
+        _sample(part, of_replicate.get(replicate), tuple(causes), returns, method, length)
         for replicate, part in runs.groupby("replicate")
     ]
 
@@ -136,7 +208,7 @@ def _check_complete(table, keys, number):
         )
 
 
-def _sample(runs, estimates, causes, returns, method):
+def _sample(runs, estimates, causes, returns, method, length):
     n = runs["run"].max() + 1
     first = runs.iloc[::n]
     noise_draw = runs["noise_draw"].to_numpy()[:n]
@@ -153,6 +225,9 @@ def _sample(runs, estimates, causes, returns, method):
             "The weights of the samples differ between settings, and a sample is left out of all.\n"
             "Hint: an estimator gives sample k the same weight in every setting."
         )
+    wrong_basin, no_basin = np.zeros_like(failed), np.zeros(len(first), dtype=bool)
+    if returns.samples:
+        wrong_basin, no_basin = _basins(xi, failed, method, length)
     return Sample(
         causes=causes,
         settings=first[list(causes)].to_numpy(dtype=float),
@@ -160,25 +235,30 @@ def _sample(runs, estimates, causes, returns, method):
         xi=xi,
         initial_xi=runs[INITIAL_XI].to_numpy(dtype=float).reshape(-1, n, 6),
         failed=failed,
-        wrong_basin=_marks(xi, failed, method) if returns.samples else np.zeros_like(failed),
+        wrong_basin=wrong_basin,
+        no_basin=no_basin,
         noise_draw=noise_draw,
         weight=weight[0],
         covariance=covariance,
         returns=returns,
+        length=length,
     )
 
 
-def mark_wrong_basins(runs, method):
-    """Which runs (n,) of one setting of a runs table are in a wrong basin; no failed one is."""
-    return _marks(runs[XI].to_numpy(dtype=float), _failed(runs), method)
+def mark_wrong_basins(runs, method, length):
+    """Which runs (n,) of one setting of a runs table are in a wrong basin; no failed one is.
+
+    length [m]: the pair's characteristic length.
+    """
+    return _basins(runs[XI].to_numpy(dtype=float), _failed(runs), method, length).wrong
 
 
 def _failed(table):
     return ~table["status"].isin(readings.GOOD_STATUS).to_numpy()
 
 
-def _marks(xi, failed, method):
-    return wrong_basin(np.where(failed[..., None], np.nan, xi), *method.basin)
+def _basins(xi, failed, method, length):
+    return find_basins(np.where(failed[..., None], np.nan, xi), length, *method.basin)
 
 
 def _covariances(estimates, settings):

@@ -30,15 +30,22 @@ def shapley_values(game):
     A player that changes nothing gets exactly 0, without round-off.
     """
     game = np.asarray(game, dtype=float)
-    on = coalitions(_players(game))
-    players = on.shape[1]
-    weight = np.array([factorial(s) * factorial(players - s - 1) for s in range(players)])
-    result = np.empty((*game.shape[:-1], players))
-    for a in range(players):
-        without = np.flatnonzero(~on[:, a])
-        gain = game[..., without | 1 << a] - game[..., without]
-        result[..., a] = gain @ (weight[on[without].sum(axis=1)] / factorial(players))
-    return result
+    players = players_of(game)
+    weight = _by_size(
+        players - 1, lambda s: factorial(s) * factorial(players - s - 1) / factorial(players)
+    )
+    return np.stack([_gain(game, a) @ weight for a in range(players)], axis=-1)
+
+
+def removal_effects(game):
+    """What the value of games (..., 2^M) falls by without each player: (..., M).
+
+    f(all on) - f(all on but this one); one that changes nothing there gets exactly 0.
+    """
+    game = np.asarray(game, dtype=float)
+    everyone = game.shape[-1] - 1
+    without = [everyone ^ 1 << a for a in range(players_of(game))]
+    return game[..., -1:] - game[..., without]
 
 
 def interaction_indices(game):
@@ -48,16 +55,16 @@ def interaction_indices(game):
     coalitions S without a and b, weighted by |S|! (M-|S|-2)! / (M-1)!.
     """
     game = np.asarray(game, dtype=float)
-    on = coalitions(_players(game))
-    players = on.shape[1]
-    weight = np.array([factorial(s) * factorial(players - s - 2) for s in range(players - 1)])
+    players = players_of(game)
     result = np.empty((*game.shape[:-1], comb(players, 2)))
+    if players < 2:
+        return result
+    weight = _by_size(
+        players - 2, lambda s: factorial(s) * factorial(players - s - 2) / factorial(players - 1)
+    )
+    gains = [_gain(game, b) for b in range(players)]
     for column, (a, b) in enumerate(couples(range(players))):
-        without = np.flatnonzero(~on[:, a] & ~on[:, b])
-        gain_with_b = game[..., without | 1 << a | 1 << b] - game[..., without | 1 << b]
-        gain_alone = game[..., without | 1 << a] - game[..., without]
-        share = weight[on[without].sum(axis=1)] / factorial(players - 1)
-        result[..., column] = (gain_with_b - gain_alone) @ share
+        result[..., column] = _gain(gains[b], a) @ weight
     return result
 
 
@@ -73,7 +80,7 @@ def kernel_regression(game, full_weight=1e6):
     one of the full coalition becomes `full_weight`, the other meets a row of zeros.
     """
     game = np.asarray(game, dtype=float)
-    on = coalitions(_players(game)).astype(float)
+    on = coalitions(players_of(game)).astype(float)
     players = on.shape[1]
     weight = np.full(len(on), full_weight)
     for coalition, size in enumerate(on.sum(axis=1).astype(int)):
@@ -83,7 +90,21 @@ def kernel_regression(game, full_weight=1e6):
     return (game - game[..., :1]) @ solution.T
 
 
-def _players(game):
+def _gain(game, player):
+    """What a player adds to each coalition of the others: (..., 2^M) to (..., 2^(M - 1))."""
+    halves = game.reshape(*game.shape[:-1], -1, 2, 2**player)
+    gain = halves[..., 1, :] - halves[..., 0, :]
+    return gain.reshape(*game.shape[:-1], -1)
+
+
+def _by_size(players, weight):
+    """A function of its size for each coalition (2^M,)."""
+    by_size = np.array([weight(size) for size in range(players + 1)])
+    return by_size[coalitions(players).sum(axis=1)]
+
+
+def players_of(game):
+    """Number of players M of games (..., 2^M); raises ValueError for another length."""
     players = (game.shape[-1] - 1).bit_length()
     if game.shape[-1] != 2**players or players == 0:
         raise ValueError(

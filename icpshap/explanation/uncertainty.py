@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from icpshap.errors import UserError
-from icpshap.explanation.intervals import Resampling
+from icpshap.explanation.intervals import Resampling, mean_interval
+from icpshap.explanation.patterns import alike
 
 BOOTSTRAP_DRAWS = 1000
 SETTINGS_AT_ONCE = 64
@@ -35,64 +36,102 @@ class Estimate:
         )
 
 
-def estimate(sample, games, quantities, method, leave_out=None, intervals=True):
+def columns_of(names, estimate):
+    """Columns of a table for the quantities of an `Estimate`, by their names."""
+    columns = {}
+    for q, name in enumerate(names):
+        value, low, high = estimate.value[:, q], estimate.low[:, q], estimate.high[:, q]
+        columns |= {name: value, f"{name}_low": low, f"{name}_high": high}
+    return columns
+
+
+def over_replicates(found):
+    """Mean of the `Estimate`s of several replicates, whose spread gives its interval."""
+    if len(found) == 1:
+        return found[0]
+    ratio = np.mean([part.draw_variance_ratio for part in found], axis=0)
+    return Estimate(*mean_interval(np.array([part.value for part in found])), ratio)
+
+
+def estimate(sample, games, quantities, method, leave_out=None, intervals=True, values=None):
     """Quantities of games, rows (i, g) of the sample, with intervals: an `Estimate`.
 
     quantities: maps f (..., g) to (..., q). leave_out: whether runs in a wrong basin are left out
-    (None: as the method says). A game with too few runs left is NaN. An interval is widened to hold
-    the value, which without bias correction may lie beside it.
+    (None: as the method says). values(members, weights): f (k, g, r) of the games `members` (k,)
+    under each weighting (r, n); None for the method's own. A game with too few runs left is NaN. An
+    interval is widened to hold the value, which without bias correction may lie beside it.
     """
     corrected = method.bias_correction == "jackknife"
     bootstrap = BOOTSTRAP_DRAWS if intervals and method.interval == "bootstrap" else 0
     jackknife = corrected or (intervals and not bootstrap)
     width = quantities(np.zeros(games.shape[1])).shape[-1]
     value, low, high, ratio = np.full((4, len(games), width), np.nan)
-    for members, plan, values in resampled(
-        sample, games, quantities, method, jackknife, bootstrap, leave_out
+    for members, plan, resamples in resampled(
+        sample, games, quantities, method, jackknife, bootstrap, leave_out, values
     ):
-        value[members] = plan.jackknife(values) if corrected else values[0]
+        value[members] = plan.jackknife(resamples) if corrected else resamples[0]
         if intervals and sample.units:
-            ends = plan.interval(values)
+            ends = plan.interval(resamples)
             low[members] = np.minimum(ends[0], value[members])
             high[members] = np.maximum(ends[1], value[members])
-            ratio[members] = plan.draw_variance_ratio(values)
+            ratio[members] = plan.draw_variance_ratio(resamples)
     return Estimate(value, low, high, ratio)
 
 
-def resampled(sample, games, quantities, method, jackknife, bootstrap, leave_out=None):
+def resampled(sample, games, quantities, method, jackknife, bootstrap, leave_out=None, values=None):
     """Resamples of the quantities of games (i, g), for all games that keep the same runs at once.
 
     Yields members (k,), numbers of games; their `Resampling`; values (r, k, q). Games with too few
-    runs left are passed over.
+    runs left are passed over. Arguments as of `estimate`.
     """
-    kept, group = np.unique(
-        kept_runs(sample, games, method, leave_out), axis=0, return_inverse=True
-    )
+    values = values or _own_values(sample, games, method)
     exchangeable = sample.returns.exchangeable
-    for index in np.flatnonzero(kept.sum(axis=1) >= sample.fewest):
-        members = np.flatnonzero(group == index)
-        rows, inverse = np.unique(games[members], return_inverse=True)
+    for kept, members in alike(kept_runs(sample, games, method, leave_out)):
+        if kept.sum() < sample.fewest:
+            continue
         plan = Resampling.of(
-            kept[index], sample.noise_draw, jackknife, bootstrap, method.seed, exchangeable
+            kept, sample.noise_draw, jackknife, bootstrap, method.seed, exchangeable
         )
-        f = evaluate(sample, rows, games[0, 0], plan.weights, method)
-        by_game = f[inverse.reshape(-1, games.shape[1])]
+        by_game = values(members, plan.weights)
         yield members, plan, quantities(np.moveaxis(by_game, -1, 0))
 
 
 def kept_runs(sample, games, method, leave_out=None):
     """Which runs stay in each game (i, g): bool (i, n)."""
-    dropped = sample.failed
-    if method.leaves_out_wrong_basins if leave_out is None else leave_out:
-        dropped = dropped | sample.wrong_basin
+    number = sample.xi.shape[1]
+    reading = method.reading
+    if reading.needs_samples and not sample.returns.samples:
+        return np.zeros((len(games), number), dtype=bool)
+    if reading.counts_failed:
+        return np.ones((len(games), number), dtype=bool)
+    if leave_out is None:
+        leave_out = method.leaves_out_wrong_basins and not reading.bounded
+    dropped = sample.lost if leave_out else sample.failed
     return ~dropped[games].any(axis=1)
+
+
+def _own_values(sample, games, method):
+    """f by the method's reading, each setting once however many games share it."""
+
+    def values(members, weights):
+        rows, inverse = np.unique(games[members], return_inverse=True)
+        f = evaluate(sample, rows, games[0, 0], weights, method)
+        return f[inverse.reshape(-1, games.shape[1])]
+
+    return values
 
 
 def evaluate(sample, rows, clean, weights, method):
     """f of settings `rows` (s,) against setting `clean`, under each weighting (r, n): (s, r).
 
-    Raises UserError if a covariance is singular.
+    rows: ascending. Raises UserError if a covariance is singular.
     """
+    # The tables of settings and of instances mostly ask for the same resamples of the same f.
+    key = (method.divergence, method.bias_correction, method.floor, int(clean), weights.tobytes())
+    if len(weights) > 1 and sample.last_f.get("key") == key:
+        known, f = sample.last_f["rows"], sample.last_f["f"]
+        if np.isin(rows, known).all():
+            return f[np.searchsorted(known, rows)]
     unbiased = method.bias_correction == "wishart"
     reference = sample.spread(clean, weights, method)
     result = np.empty((len(rows), len(weights)))
@@ -108,6 +147,8 @@ def evaluate(sample, rows, clean, weights, method):
             ) from error
     if method.reading.compares_with_clean:
         result[rows == clean] = 0.0  # no estimate: it has neither bias nor round-off
+    if len(weights) > 1:
+        sample.last_f.update(key=key, rows=rows, f=result)
     return result
 
 

@@ -7,7 +7,7 @@ tables, and studies `study.Study`.
 import numpy as np
 
 from icpshap.explanation import readings
-from icpshap.report import words
+from icpshap.report import directions, effects, words
 from icpshap.report.study import PAIR, contains_zero, judged, pairs_of
 
 ALONE = "One cause has nothing to interact with."
@@ -102,36 +102,54 @@ def significance(table, study):
 
 
 def finding(table, study):
-    """The main finding of an experiment in one sentence."""
+    """The main finding of an experiment in one sentence; what limits it comes first."""
     where = f"{study.name} ({_which_pairs(table, study)})"
     if len(study.valued(table)) == 0:
-        return f"{where}: no pair has a value."
+        first = effects.no_basin(table, study)
+        return f"{where}: {'; '.join(filter(None, (first, 'no pair has a value')))}."
     rows = {cause: study.present(table, cause) for cause in study.shown(table)}
     rows = {cause: part for cause, part in rows.items() if len(part)}
     if not rows:
         return f"{where}: nothing was perturbed."
-    if not study.interval_over(table):
-        return f"{where}: {_largest(rows, study)}; there are no intervals."
+    first = [effects.no_basin(table, study), effects.shrinking(table, study)]
+    parts = [*filter(None, first), *_contributions(rows, table, study)]
+    return f"{where}: {'; '.join(parts)}."
+
+
+def _contributions(rows, table, study):
+    """What can be told from zero, and which cause is the largest; rows: those where each is on."""
+    narrowing = effects.narrowing(table, study)
+    judged_by = bool(study.interval_over(table))
     clear, told = {}, []
     for cause, part in rows.items():
         known = judged(part, f"phi_{cause.name}")
         significant = ~contains_zero(known, f"phi_{cause.name}")
         told.append(f"{cause.title} in {significant.sum():,} of {len(known):,}")
-        if significant.sum() > 0.5 * len(known):
+        if cause not in narrowing and (not judged_by or significant.sum() > 0.5 * len(known)):
             clear[cause] = part
-    share = f"φ can be told from zero for {', '.join(told)} instances"
-    if not clear:
-        return f"{where}: no cause can be told from zero in most instances; {share}."
-    return f"{where}: {_largest(clear, study)}; {share}."
+    widening = [cause for cause in rows if cause not in narrowing]
+    parts = []
+    if clear:
+        parts = [_largest(clear, study), effects.removal(table, study)]
+    elif widening:
+        which = "other cause" if narrowing else "cause"
+        parts = [f"no {which} can be told from zero in most instances"]
+    if judged_by:
+        parts.append(f"φ can be told from zero for {', '.join(told)} instances")
+    else:
+        parts.append("there are no intervals")
+    return list(filter(None, parts))
 
 
 def _largest(rows, study):
     """Which cause has the largest median; rows: those in which each is on."""
-    medians = {cause.title: part[f"phi_{cause.name}"].median() for cause, part in rows.items()}
+    medians = {cause: part[f"phi_{cause.name}"].median() for cause, part in rows.items()}
     largest = max(medians, key=medians.get)
+    # Where the spread shrinks, f measures a change and not an uncertainty.
+    shrinks = rows[largest].shrinks.mean() > effects.MOST
+    does = "changes the spread most" if shrinks else "contributes most to the uncertainty"
     return (
-        f"{largest} contributes most to the uncertainty, φ = {words.number(medians[largest])} "
-        f"{study.unit} in the median"
+        f"{largest.title} {does}, φ = {words.number(medians[largest])} {study.unit} in the median"
     )
 
 
@@ -276,11 +294,35 @@ def _left_out(table, study):
 
 def caption(figure, table, study):
     """The caption of a figure by its name, as one paragraph; warnings come last."""
-    sentences = [_opening(figure, table, study), *method(table, study)]
+    sentences = [_opening(figure, table, study), *limits(table, study), *method(table, study)]
     sentences += significance(table, study)
     if figure in ("waterfall", "pairs"):
         sentences += noise_floor(table, study)
-    return " ".join([*sentences, *basins(table, study), *warnings(table, study)])
+    told = [*effects.shares(table, study), *basins(table, study), *warnings(table, study)]
+    return " ".join([*sentences, *told])
+
+
+def of_directions(table, shap, study):
+    """The caption of the figure of directions; shap: the shap table beside the directions table."""
+    if not study.shown(shap):
+        return NOTHING_PERTURBED
+    shown = directions.chosen(shap, study)
+    opening = (
+        "Variance along the axes of the reference, at the origin of the source scanner, in all and "
+        "along the weakest direction, and the mean squared error: clean, what each cause adds "
+        f"(Shapley values), and with all causes on, {_which_pairs(shown, study)} "
+        f"{_which_instances(shown, study)}{', medians' * (len(shown) > 1)}. Numbers are squares of "
+        "the unit that a row names; the last column is the standard deviation or RMSE. Along the "
+        "weakest direction a rotation counts as what it moves at the pair's characteristic length."
+    )
+    told = directions.sentences(table, study)
+    return " ".join([opening, *told, *limits(shown, study), *method(shap, study)])
+
+
+def limits(table, study):
+    """What must be known before any number is read, in sentences."""
+    found = (effects.no_basin(table, study), effects.shrinking(table, study))
+    return [f"{text[0].upper()}{text[1:]}." for text in found if text]
 
 
 def _opening(figure, table, study):
@@ -332,6 +374,15 @@ def _waterfall(table, study):
             " Black lines are 95 % intervals of the Shapley values, put where the arrow ends; a "
             "hatched arrow cannot be distinguished from zero."
         )
+    if effects.narrowing(table, study):
+        text += " A green arrow is that of a cause which narrows the spread."
+    parts = [
+        f"{cause.title} {words.of_rows(table, f'removal_{cause.name}')}"
+        for cause in study.shown(table)
+        if len(study.valued(table))
+    ]
+    if parts:
+        text += f" Without a cause f falls by: {', '.join(parts)} {study.unit}."
     return text
 
 

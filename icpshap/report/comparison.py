@@ -13,7 +13,7 @@ from tabulate import tabulate
 from icpshap.causes import CAUSES, named
 from icpshap.report import words
 from icpshap.report.figures.style import INK, MUTED, PAGE, say_nothing, styled, tame, value_label
-from icpshap.report.tables import escaped
+from icpshap.report.tables import escaped, median_rows
 
 # The pair and the perturbation of the paper's figures and of its table, and the order it finds.
 FIGURE_PAIR = ("apartment", 6, 7)
@@ -51,7 +51,7 @@ def _plays_the_papers_game(study):
 def compare_medians(ranking, study):
     """Rows for Table 1: our medians and intervals beside the paper's values."""
     rows = []
-    for row in ranking[ranking.outlier_rule == "iqr"].to_dict(orient="records"):
+    for row in median_rows(ranking).to_dict(orient="records"):
         for name in study.causes:
             paper = row[f"paper_{name}"]
             if np.isfinite(paper):

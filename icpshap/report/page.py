@@ -9,7 +9,7 @@ import yaml
 from jinja2 import Environment, FileSystemLoader
 from markupsafe import Markup
 
-from icpshap.report import captions, tables
+from icpshap.report import captions, directions, effects, tables
 from icpshap.report.study import Study
 
 TEMPLATE = Path(__file__).with_suffix(".html")
@@ -27,6 +27,7 @@ class Section:
     scope: str
     study: Study
     shap: object
+    directions: object
     pairs: object
     ranking: object
     figures: list
@@ -88,6 +89,9 @@ def _described(section, folder):
         "warnings": warnings(section),
         "returned": captions.returned(study),
         "method": method,
+        "causes": Markup(effects.table_of_causes(section.shap, study)),
+        "causes_note": effects.note_of_causes(section.shap, study),
+        "directions": directions.sentences(section.directions, study),
         "table": Markup(tables.html(section.ranking, study)) if ranked else "",
         "table_note": tables.note(section.ranking, study) if ranked else "",
         "figures": [_figure(path, anchor, folder, said) for path in section.figures],

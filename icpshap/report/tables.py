@@ -24,8 +24,9 @@ UNSURE = {"pipe": "°", "html": "°", "latex_raw": r"$^\circ$"}
 
 
 def median_rows(ranking):
-    """The rows of a ranking table under the default outlier rule."""
-    return ranking[ranking.outlier_rule == DEFAULT_RULE]
+    """The rows of a ranking table by the default outlier rule; of few pairs those without one."""
+    judged = ranking.groupby("sequence").outlier_rule.transform("nunique") > 1
+    return ranking[(ranking.outlier_rule == DEFAULT_RULE) | ~judged]
 
 
 def markdown(ranking, study):
@@ -33,7 +34,8 @@ def markdown(ranking, study):
     if len(ranking) == 0:
         return "No pair has a value.\n"
     text = _table(ranking, study, "pipe")
-    return f"{text}\n\n{note(ranking, study)}\n\n{_rules_table(ranking, study, 'pipe')}\n"
+    parts = (text, note(ranking, study), _rules_table(ranking, study, "pipe"))
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 def html(ranking, study):
@@ -98,7 +100,10 @@ def estimate(row, name, form):
 
 
 def _rules_table(ranking, study, form):
-    """The medians under each reading of the paper's outlier rule."""
+    """The medians under each reading of the paper's outlier rule, "" where none is applied."""
+    ranking = ranking[ranking.groupby("sequence").outlier_rule.transform("nunique") > 1]
+    if len(ranking) == 0:
+        return ""
     header = [
         "Sequence",
         "Outlier rule",
@@ -122,10 +127,14 @@ def note(ranking, study):
     rows = median_rows(ranking)
     sentences = [
         f"Median Shapley values of the pairs of each sequence, estimator {study.estimator}, with "
-        f"95 % intervals from a bootstrap over {_resampled(study)}. A pair goes if any of its "
-        "values lies more than 1.5 interquartile ranges outside the quartiles. "
-        "° cannot be distinguished from zero."
+        f"95 % intervals from a bootstrap over {_resampled(study)}. ° cannot be distinguished from "
+        "zero."
     ]
+    if (rows.outlier_rule == DEFAULT_RULE).any():
+        sentences.append(
+            "A pair goes if any of its values lies more than 1.5 interquartile ranges outside the "
+            "quartiles."
+        )
     if _orders(rows):
         sentences.append(
             "P is the share of the bootstrap in which the medians have the order given; p is "

@@ -54,3 +54,26 @@ def listed(parts):
         return ""
     *first, last = parts
     return f"{', '.join(first)} and {last}" if first else last
+
+
+def significant(value):
+    """A value as text, with two significant digits and no exponent unless it is far from 1."""
+    if value == 0 or 1e-4 <= abs(value) < 10:
+        return f"{value:.2g}"
+    return f"{value:.0f}" if 10 <= abs(value) < 1e5 else f"{value:.1e}"
+
+
+def centimetres(metres):
+    """A length [m] in cm, with two significant digits."""
+    return significant(100 * metres)
+
+
+def of_rows(table, name, percent=False):
+    """A number of the rows of a table: of one row with its interval, of several the median."""
+    factor = 100 if percent else 1
+    rows = factor * table[[name, f"{name}_low", f"{name}_high"]].dropna(subset=name)
+    if len(rows) == 0:
+        return "no value"
+    if len(rows) == 1:
+        return with_interval(*rows.iloc[0])
+    return f"{number(rows[name].median())} in the median"

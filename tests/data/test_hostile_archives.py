@@ -1,6 +1,7 @@
 """Archives with one thing wrong, on disk and on a server: refused by name, nothing left behind."""
 
 import itertools
+import re
 import stat
 import time
 import tracemalloc

@@ -8,7 +8,7 @@ import pytest
 
 from icpshap import se3, tables
 from icpshap.causes.partial_overlap import PartialOverlap
-from icpshap.data.pair import describe_pair, read_pair, relative_pose
+from icpshap.data.pair import Pair, describe_pair, read_pair, relative_pose
 from icpshap.errors import DataError, PerturbationError
 
 
@@ -91,3 +91,12 @@ def test_a_pair_has_the_times_of_its_source(room_pair, tmp_path):
     tables.write(tmp_path / "overlap", overlap, "overlap", {"distance": 0.2})
     paths = (tmp_path / name for name in ("reference", "source", "poses", "overlap"))
     np.testing.assert_array_equal(read_pair(*paths, (0, 1)).source_times, times)
+
+
+def test_the_characteristic_length_is_of_the_overlap_that_the_chain_sees():
+    source = np.array([[0.1, 0, 0], [2, 0, 0], [4, 0, 0], [90, 0, 0]], dtype=float)
+    overlapping = np.array([True, True, True, False])
+    pair = Pair(source, source, np.eye(4), overlapping, 0.2).for_chain(1.0)
+    assert pair.overlap_in_range.tolist() == [False, True, True, False]
+    assert pair.characteristic_length == pytest.approx(1.0)
+    assert np.isnan(pair.for_chain(99.0).characteristic_length)

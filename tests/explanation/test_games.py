@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import shap
+from known_pair import PAIR
 from known_runs import LEVELS, OFF, instances, runs_table, true_game
 
 from icpshap import causes, tables
@@ -16,13 +17,12 @@ from icpshap.explanation import games, shapley
 from icpshap.explanation.method import Method
 
 matplotlib.use("Agg")
-PAIR = ("room", 0, 1)
 PHI = [f"phi_{name}" for name in OFF]
 
 
 def explain(runs, full=False, levels=LEVELS, **method):
     given = (runs, None, instances(levels, full), OFF, SAMPLES, Method(**method), PAIR)
-    return games.explain(*given)
+    return games.explain(*given)[:2]
 
 
 def explain_one(runs, **method):
@@ -30,7 +30,8 @@ def explain_one(runs, **method):
 
 
 def test_columns_are_those_of_the_tables():
-    for found, name in zip(explain(runs_table()), ("uncertainty", "shap"), strict=True):
+    given = (runs_table(), None, instances(), OFF, SAMPLES, Method(), PAIR)
+    for name, found in games.explain(*given)._asdict().items():
         columns = tables.columns(name, causes.named(OFF))
         assert set(found) == {column.name for column in columns}
 
@@ -161,12 +162,11 @@ def test_interval_over():
 def test_a_pair_that_was_not_registered_stays_in_the_tables_with_its_reason():
     given = (None, None, instances(full=True), OFF, SAMPLES, Method(), PAIR, "no overlap")
     found = games.explain(*given)
-    for table in found:
-        assert len(table) == 8
-        assert table["f"].isna().all()
+    for table, rows, value in zip(found, (8, 8, 88), ("f", "f", "value"), strict=True):
+        assert len(table) == rows
+        assert table[value].isna().all()
         assert (table["reason"] == "no overlap").all()
-        assert (table["warning"] == "").all()
-        assert set(table[list(games.PAIR)].itertuples(index=False, name=None)) == {PAIR}
+        assert set(table[list(PAIR.columns)].itertuples(index=False, name=None)) == {("room", 0, 1)}
 
 
 def test_intervals_hold_the_truth_at_the_nominal_rate():
@@ -196,7 +196,7 @@ def test_resampled_values_spread_about_the_value_as_the_interval_does():
     ends = resampled["phi_partial_overlap"].quantile([0.025, 0.975]).to_numpy()
     expected = row[["phi_partial_overlap_low", "phi_partial_overlap_high"]].to_numpy(dtype=float)
     np.testing.assert_allclose(ends, expected, atol=0.1 * np.ptp(expected))
-    assert resampled.columns.tolist()[:5] == [*games.PAIR, "instance", "resample"]
+    assert resampled.columns.tolist()[:5] == [*PAIR.columns, "instance", "resample"]
 
 
 def test_a_grid_is_explained_in_proportion_to_ten_seconds_for_the_papers():
@@ -210,7 +210,7 @@ def test_a_grid_is_explained_in_proportion_to_ten_seconds_for_the_papers():
 def test_load_explanation_serves_the_plots_of_shap(tmp_path):
     _, table = explain(runs_table(), full=True)
     given = (None, None, instances(), OFF, SAMPLES, Method(), PAIR, "no overlap")
-    _, lost = games.explain(*given)
+    lost = games.explain(*given).shap
     both = pd.concat([table, lost], ignore_index=True)
     tables.write(tmp_path / "shap.parquet", both, "shap", causes=OFF)
     loaded = games.load_explanation(tmp_path / "shap.parquet")

@@ -25,7 +25,7 @@ def kl(xi):
 
 
 def kl_of_resamples(xi, plan):
-    spread = divergence.spread(xi, plan.weights, 0.1, 0.1)
+    spread = divergence.Spread(xi, plan.weights, (0.1, 0.1))
     return divergence.kullback_leibler(*spread.covariance)
 
 

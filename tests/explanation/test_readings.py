@@ -7,10 +7,18 @@ from scipy.stats import multivariate_normal, wishart
 from icpshap import se3
 from icpshap.explanation import readings
 
+LENGTH = 3.0
+
 
 def random_covariances(seed, *shape):
     factors = np.random.default_rng(seed).normal(size=(*shape, 6, 9))
     return factors @ np.swapaxes(factors, -1, -2) / 9
+
+
+def spread_of(xi, weights, floor_rotation=0.0, floor_translation=0.0):
+    floor = floor_rotation, floor_translation
+    of_runs = {**readings.run_numbers(xi, LENGTH), "lost": np.abs(xi[..., 0]) > 1}
+    return readings.Spread(xi, weights, floor, of_runs=of_runs)
 
 
 @pytest.fixture
@@ -81,21 +89,23 @@ def test_covariance_is_numpys_plus_the_floor():
 def test_spread_of_weighted_runs_is_that_of_repeated_runs():
     xi = np.random.default_rng(0).normal(size=(2, 30, 6))
     weights = np.random.default_rng(1).integers(0, 4, size=(5, 30))
-    spread = readings.spread(xi, weights, 0.1, 0.2)
+    spread = spread_of(xi, weights, 0.1, 0.2)
     repeated = np.repeat(xi[1], weights[3], axis=0)
     np.testing.assert_allclose(
         spread.covariance[1, 3], readings.covariance(repeated, 0.1, 0.2), rtol=1e-12
     )
     translation = se3.exp(repeated)[:, :3, 3]
-    assert spread.mean_square_translation[1, 3] == pytest.approx((translation**2).sum(1).mean())
-    assert spread.mean_square_rotation[1, 3] == pytest.approx((repeated[:, :3] ** 2).sum(1).mean())
+    assert spread.mean("square_translation")[1, 3] == pytest.approx((translation**2).sum(1).mean())
+    assert spread.mean("square_rotation")[1, 3] == pytest.approx(
+        (repeated[:, :3] ** 2).sum(1).mean()
+    )
 
 
 def test_spread_without_a_far_run_is_exact():
     xi = 1e-7 * np.random.default_rng(0).normal(size=(100, 6)) + 0.01
     xi[7] += 1.0
     kept = np.arange(100) != 7
-    spread = readings.spread(xi, np.stack([np.ones(100), kept]), 0.0, 0.0)
+    spread = spread_of(xi, np.stack([np.ones(100), kept]))
     expected = np.cov(xi[kept].T)
     np.testing.assert_allclose(spread.covariance[1], expected, atol=1e-8 * expected.max())
 
@@ -104,9 +114,9 @@ def test_failed_runs_of_weight_zero_do_not_matter():
     xi = np.random.default_rng(0).normal(size=(60, 6))
     weights = np.ones((1, 60))
     weights[0, 11] = 0
-    whole = readings.spread(xi, weights, 0.0, 0.0).covariance
+    whole = spread_of(xi, weights).covariance
     xi[11] = np.nan
-    np.testing.assert_array_equal(readings.spread(xi, weights, 0.0, 0.0).covariance, whole)
+    np.testing.assert_array_equal(spread_of(xi, weights).covariance, whole)
 
 
 def test_pose_errors_are_those_of_the_matrix():
@@ -121,7 +131,7 @@ def test_pose_errors_are_those_of_the_matrix():
 
 def test_readings_follow_from_one_another():
     xi = np.random.default_rng(5).normal(size=(2, 70, 6)) * np.array([1.0, 1.5])[:, None, None]
-    clean, perturbed = (readings.spread(x, np.ones((1, 70)), 0.0, 0.0) for x in xi)
+    clean, perturbed = (spread_of(x, np.ones((1, 70))) for x in xi)
     f = {
         name: reading.evaluate(clean, perturbed, False)[0]
         for name, reading in readings.READINGS.items()
@@ -135,7 +145,28 @@ def test_readings_follow_from_one_another():
     assert f["translation_rmse"] == pytest.approx(np.sqrt((translation**2).mean()))
     rotation = np.linalg.norm(xi[1, :, :3], axis=1)
     assert f["rotation_rmse"] == pytest.approx(np.sqrt((rotation**2).mean()))
-    assert {r.unit for r in readings.READINGS.values()} == {"nats", "m", "rad"}
+    away = (xi[1] - np.median(xi[1], axis=0)) * [LENGTH, LENGTH, LENGTH, 1, 1, 1]
+    logarithms = np.log(np.hypot(np.linalg.norm(away, axis=1), 1e-3))
+    assert f["log_error"] == pytest.approx(logarithms.mean())
+    assert f["wrong_basin_share"] == pytest.approx((np.abs(xi[1, :, 0]) > 1).mean())
+    assert {r.unit for r in readings.READINGS.values()} == {"nats", "m", "rad", "of 1"}
+
+
+def test_a_far_run_adds_its_logarithm_over_n_to_the_log_error():
+    xi = 0.01 * np.random.default_rng(0).normal(size=(100, 6)) / [LENGTH, LENGTH, LENGTH, 1, 1, 1]
+    before = readings.run_numbers(xi, LENGTH)["log_error"]
+    xi[7] += [0.0, 0.0, 0.0, 5.0, 0.0, 0.0]
+    after = readings.run_numbers(xi, LENGTH)["log_error"]
+    assert after.mean() - before.mean() == pytest.approx((np.log(5.0) - before[7]) / 100, abs=0.003)
+
+
+def test_failed_runs_have_no_say_in_the_median_pose():
+    xi = 0.01 * np.random.default_rng(0).normal(size=(2, 60, 6))
+    failed = np.concatenate([xi, np.full((2, 30, 6), np.nan)], axis=1)
+    expected = readings.run_numbers(xi, LENGTH)["log_error"]
+    found = readings.run_numbers(failed, LENGTH)["log_error"]
+    np.testing.assert_array_equal(found[:, :60], expected)
+    assert np.isnan(found[:, 60:]).all()
 
 
 @pytest.mark.parametrize("n", [40, 100])
@@ -161,12 +192,10 @@ def test_unbiased_readings_have_the_true_mean_for_unequal_n(name):
     truth = random_covariances(6, 2)
     generator = np.random.default_rng(0)
     samples = [
-        readings.Spread(
-            wishart.rvs(n - 1, covariance, 20_000, generator) / (n - 1), np.float64(n), None, None
-        )
+        readings.Moments(wishart.rvs(n - 1, covariance, 20_000, generator) / (n - 1), np.float64(n))
         for n, covariance in zip((30, 70), truth, strict=True)
     ]
-    exact = [readings.Spread(covariance, None, None, None) for covariance in truth]
+    exact = [readings.Moments(covariance, None) for covariance in truth]
     unbiased = reading.evaluate(*samples, True)
     error = unbiased.std() / np.sqrt(len(unbiased))
     expected = reading.evaluate(*exact, False)

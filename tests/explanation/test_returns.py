@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
-from known_runs import ADDED, LEVELS, OFF, SHARED, instances, runs_table, true_game
+from known_pair import PAIR
+from known_runs import OFF, estimates_table, instances, runs_table, true_game
 
 from icpshap.errors import UserError
 from icpshap.estimators.kind import COVARIANCES, SAMPLES, Returns
@@ -13,46 +13,14 @@ from icpshap.explanation import doubts, games, readings, sample, shapley
 from icpshap.explanation.method import Method
 from icpshap.tables import COVARIANCE, XI
 
-PAIR = ("room", 0, 1)
 PHI = [f"phi_{name}" for name in OFF]
 BOTH = Returns(samples=True, covariances=True, exchangeable=True)
 DEPENDENT = Returns(samples=True, covariances=False)
-UPPER = np.triu_indices(6)
-
-
-def covariance_of(values):
-    """That of `known_runs`, for infinitely many runs."""
-    on = [ADDED[name] for name, value in values.items() if value != OFF[name]]
-    return np.diag(SHARED**2 + sum(added**2 for added in on))
-
-
-def estimates_table(noise_draws=1, scale=lambda draw: 1.0):
-    """Estimates of all combinations of LEVELS and of the clean setting again."""
-    settings = [
-        dict(zip(LEVELS, v, strict=True))
-        for v in np.array(np.meshgrid(*LEVELS.values(), indexing="ij")).reshape(3, -1).T.tolist()
-    ]
-    rows = []
-    for values, again in [*((v, False) for v in settings), (OFF, True)]:
-        for draw in range(noise_draws):
-            upper = scale(draw) * covariance_of(values)[UPPER]
-            rows.append(
-                {
-                    **values,
-                    "replicate": 0,
-                    "again": again,
-                    "noise_draw": draw,
-                    "status": "ok",
-                    **dict.fromkeys(XI, 0.001 * (1 + draw)),
-                    **dict(zip(COVARIANCE, upper, strict=True)),
-                }
-            )
-    return pd.DataFrame(rows)
 
 
 def explain(runs, estimates, returns, full=False, **method):
     given = (runs, estimates, instances(full=full), OFF, returns, Method(**method), PAIR)
-    return games.explain(*given)
+    return games.explain(*given)[:2]
 
 
 def explain_one(*arguments, **method):
@@ -132,7 +100,7 @@ class TestCovariancesAlone:
 class TestBoth:
     def test_the_covariance_adds_to_that_of_the_samples(self):
         runs, table = runs_table(), estimates_table()
-        (of_pair,) = sample.samples(runs, table, OFF, BOTH, Method())
+        (of_pair,) = sample.samples(runs, table, OFF, BOTH, Method(), 3.0)
         rows = np.arange(len(of_pair.settings))
         weights = np.ones((1, 100))
         found = of_pair.spread(rows, weights, Method()).covariance[:, 0]
@@ -182,7 +150,7 @@ class TestWeights:
         runs = runs_table(n=60)
         twice = runs["run"] < 20
         weighted = runs.assign(weight=np.where(twice, 2.0, 0.5))
-        (of_pair,) = sample.samples(weighted, None, OFF, DEPENDENT, Method())
+        (of_pair,) = sample.samples(weighted, None, OFF, DEPENDENT, Method(), 3.0)
         found = of_pair.spread(3, np.ones((1, 60)), Method(**NO_FLOOR)).covariance[0]
         xi = of_pair.xi[3]
         expected = np.cov(xi.T, aweights=of_pair.weight, ddof=0) * 60 / 59
@@ -192,7 +160,12 @@ class TestWeights:
         runs = runs_table(n=60)
         runs.loc[3, "weight"] = 2.0
         with pytest.raises(UserError, match=r"weights of the samples differ[\s\S]*Hint"):
-            sample.samples(runs, None, OFF, DEPENDENT, Method())
+            sample.samples(runs, None, OFF, DEPENDENT, Method(), 3.0)
+
+
+def spread_of_runs(xi):
+    of_runs = {**readings.run_numbers(xi, 3.0), "lost": xi[:, 0] > 1}
+    return readings.Spread(xi, np.ones((1, 80)), (0.0, 0.0), of_runs=of_runs)
 
 
 def test_what_a_reading_says_of_itself_is_so():
@@ -201,9 +174,7 @@ def test_what_a_reading_says_of_itself_is_so():
     xi = generator.normal(size=(2, 80, 6)) * np.array([1.0, 1.5])[:, None, None]
     moved = xi @ generator.normal(size=(6, 6))
     for reading in readings.READINGS.values():
-        one, other = (
-            [readings.spread(x, np.ones((1, 80)), 0.0, 0.0) for x in pair] for pair in (xi, moved)
-        )
+        one, other = ([spread_of_runs(x) for x in pair] for pair in (xi, moved))
         itself = reading.evaluate(one[0], one[0], False)
         assert np.allclose(itself, 0, atol=1e-9) == reading.compares_with_clean
         same = np.allclose(reading.evaluate(*one, False), reading.evaluate(*other, False))
@@ -212,6 +183,6 @@ def test_what_a_reading_says_of_itself_is_so():
 
 
 def test_only_what_compares_with_clean_has_a_deterministic_null():
-    (of_pair,) = sample.samples(None, estimates_table(), OFF, COVARIANCES, Method())
+    (of_pair,) = sample.samples(None, estimates_table(), OFF, COVARIANCES, Method(), 3.0)
     method = Method(divergence="rotation_rmse")
     assert np.isnan(doubts.null(np.array([1]), of_pair, method)).all()

@@ -15,7 +15,7 @@ REFERENCE = list(OFF.values())
 
 
 def samples_of(runs, **method):
-    return sample.samples(runs, None, NAMES, SAMPLES, Method(**method))
+    return sample.samples(runs, None, NAMES, SAMPLES, Method(**method), 3.0)
 
 
 def table_of(runs, **method):
@@ -216,7 +216,7 @@ def test_a_failed_run_does_not_decide_which_basin_is_wrong():
     failed = table.index < 60
     table[XI] = np.where(failed[:, None], table[XI] + 5.0, table[XI])
     table["status"] = np.where(failed, "too_few_links", "ok")
-    assert not sample.mark_wrong_basins(table, Method()).any()
+    assert not sample.mark_wrong_basins(table, Method(), 3.0).any()
 
 
 def test_the_limits_of_a_basin_are_the_methods():

@@ -239,3 +239,40 @@ def test_one_cause_has_nothing_to_interact_with():
     text = captions.caption("interactions", grid_of(study.causes), study)
     assert text.startswith("Median Shapley value, Apartment 6–7")
     assert captions.ALONE in text and "indices" not in text
+
+
+def test_what_shrinks_is_said_first_and_is_no_source_of_uncertainty(grid):
+    narrow = grid.assign(
+        shrinks=True,
+        narrows_sensor_noise=grid.sensor_noise > 0,
+        phi_sensor_noise=90.0 * (grid.sensor_noise > 0),
+        entropy_difference=-7.0,
+        clean_translation_rmse=0.175,
+        translation_rmse=0.052,
+    )
+    text = captions.finding(narrow, STUDY)
+    first, rest = text.split(": ", 1)[1].split("; ", 1)
+    assert first.startswith("the spread shrinks in 18 of 18 instances (half the log determinant")
+    assert "translation RMSE from 18 to 5.2 cm" in first
+    assert rest.startswith("sensor noise narrows it and is no source of uncertainty")
+    assert "sensor noise contributes" not in text and "sensor noise changes" not in text
+    caption = captions.caption("waterfall", STUDY.instance(narrow, STUDY.waterfall), STUDY)
+    assert "green arrow" in caption and "no source of uncertainty" in caption
+
+
+def test_a_setting_without_a_basin_is_said_first(grid):
+    text = captions.finding(grid.assign(no_basin=grid.sensor_noise > 0), STUDY)
+    assert text.split(": ", 1)[1].startswith("in 12 of 18 instances fewer than half of the runs")
+
+
+def test_phi_and_removal_are_both_said_where_their_first_ranks_differ():
+    table = fixed_of(THREE)
+    for name, phi, removal in zip(THREE, (9.0, 1.0, 2.0), (1.0, 2.0, 4.0), strict=True):
+        table = table.assign(**{f"phi_{name}": phi, f"removal_{name}": removal})
+        table = table.assign(**{f"phi_{name}_low": 0.5, f"phi_{name}_high": 10.0})
+    text = captions.finding(table, STUDY)
+    assert "sensor noise contributes most to the uncertainty, φ = 9.00 nats" in text
+    assert "removing partial overlap lowers f most, by 4.00 nats in the median" in text
+    assert "removing sensor noise by 1.00 nats" in text
+    same = captions.finding(table.assign(removal_sensor_noise=9.0), STUDY)
+    assert "removing" not in same

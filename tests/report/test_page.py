@@ -16,6 +16,7 @@ from known_results import (
     PRINTED,
     STUDY,
     WATERFALL,
+    directions_table,
     fixed_of,
     of_covariances,
     pair_of_scans,
@@ -27,6 +28,7 @@ from known_results import (
     without_value,
 )
 
+from icpshap import tables
 from icpshap.explanation.method import Method
 from icpshap.jobs import provenance as record
 from icpshap.report import captions, figures
@@ -59,7 +61,16 @@ def results(tmp_path_factory):
         paths = [folder / f"{name}.svg" for name in names]
         links = [root / scope / "shap.parquet"]
         sections.append(
-            report.Section(scope, study, table, of_pairs.assign(warning=""), ranked, paths, links)
+            report.Section(
+                scope,
+                study,
+                table,
+                directions_table(),
+                of_pairs.assign(warning=""),
+                ranked,
+                paths,
+                links,
+            )
         )
     (root / "grid" / "figures" / "waterfall.html").write_text("<title>turns</title>")
     run = record.provenance({"run": ["grid", "fixed"]}, {"apartment": "archive"}, root, root)
@@ -129,7 +140,8 @@ def test_page_of_any_causes_says_what_the_estimator_returned(number, kind, tmp_p
     table = of_covariances(table) if kind == "closed_form" else table
     ranked = ranking(ranking_row("eth", causes=study.causes))
     pairs = pairs_of(table).assign(warning="")
-    section = report.Section("an_experiment", study, table, pairs, ranked, [], [])
+    nothing = tables.empty("directions", study.causes)
+    section = report.Section("an_experiment", study, table, nothing, pairs, ranked, [], [])
     page = report.page([section], record.provenance({"run": []}, {}, tmp_path, tmp_path), tmp_path)
     assert captions.returned(study) in page
     assert all(cause.title in page for cause in study.players)
@@ -169,7 +181,7 @@ def test_interactive_page_draws_its_three_scenes(tmp_path):
     pair = pair_of_scans()
     runs = runs_table([{cause.name: cause.off for cause in STUDY.players}, WATERFALL])
     kept = [np.ones(len(scan), dtype=bool) for scan in (pair.reference, pair.source)]
-    shown = scene.make_scene(pair, *kept, runs, WATERFALL, Method())
+    shown = scene.make_scene(pair, *kept, runs, WATERFALL, Method(), 3.0)
     page = tmp_path / "page.html"
     page.write_text(scene.page(shown, "Apartment 6–7", "what it shows"))
     dom, console = browse(

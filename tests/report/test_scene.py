@@ -24,6 +24,7 @@ from icpshap.report.figures import scene
 from icpshap.tables import XI
 
 METHOD = Method()
+LENGTH = 3.0  # m
 CLEAN = {cause.name: cause.off for cause in named(THREE)}
 PAIR = pair_of_scans()
 EVERY_REFERENCE_POINT = np.ones(len(PAIR.reference), dtype=bool)
@@ -33,7 +34,7 @@ KEPT = np.arange(len(PAIR.source)) % 20 > 0
 @pytest.fixture
 def shown():
     runs = runs_table([CLEAN, WATERFALL])
-    return scene.make_scene(PAIR, EVERY_REFERENCE_POINT, KEPT, runs, WATERFALL, METHOD)
+    return scene.make_scene(PAIR, EVERY_REFERENCE_POINT, KEPT, runs, WATERFALL, METHOD, LENGTH)
 
 
 def pair_row(**changes):
@@ -59,7 +60,7 @@ def test_scene_removes_what_the_causes_remove(shown):
 def test_every_cause_that_removes_points_of_either_scan_is_named():
     values = {name: ALL_LEVELS[name][-1] for name in SEVEN}
     kept_reference = np.arange(len(PAIR.reference)) % 10 > 0
-    both = scene.make_scene(PAIR, kept_reference, KEPT, None, values, METHOD)
+    both = scene.make_scene(PAIR, kept_reference, KEPT, None, values, METHOD, LENGTH)
     removed, _ = scene.clouds(both)["removed by λ, u"]
     assert len(removed) == (~kept_reference).sum() + (~KEPT).sum()
     text = scene.caption(both, study_of(SEVEN), pair_row())
@@ -70,7 +71,7 @@ def test_nothing_is_removed_where_no_such_cause_is_on():
     values = {"sensor_noise": 0.1, "partial_overlap": 0.0}
     everything = np.ones(len(PAIR.source), dtype=bool)
     runs = runs_table([{"sensor_noise": 0.0, "partial_overlap": 0.0}, values])
-    shown = scene.make_scene(PAIR, EVERY_REFERENCE_POINT, everything, runs, values, METHOD)
+    shown = scene.make_scene(PAIR, EVERY_REFERENCE_POINT, everything, runs, values, METHOD, LENGTH)
     assert not any(name.startswith("removed") for name in scene.clouds(shown))
     text = scene.caption(shown, study_of(THREE), pair_row())
     assert "remove" not in text and "results at σ = 0.1 m, with" in text
@@ -93,14 +94,14 @@ def test_picture_shows_every_run_and_marks_wrong_basins(shown):
 def test_the_second_clean_sample_and_replicates_are_not_shown():
     runs = runs_table([CLEAN, WATERFALL])
     more = pd.concat([runs, runs.assign(again=True), runs.assign(replicate=1)])
-    shown = scene.make_scene(PAIR, EVERY_REFERENCE_POINT, KEPT, more, WATERFALL, METHOD)
+    shown = scene.make_scene(PAIR, EVERY_REFERENCE_POINT, KEPT, more, WATERFALL, METHOD, LENGTH)
     assert len(shown.clean) == len(shown.perturbed) == 60
 
 
 def test_a_run_that_failed_has_no_pose():
     runs = runs_table([CLEAN, WATERFALL])
     runs.loc[[5, 6], [*XI, "status"]] = np.nan, *[np.nan] * 5, "too_few_links"
-    shown = scene.make_scene(PAIR, EVERY_REFERENCE_POINT, KEPT, runs, WATERFALL, METHOD)
+    shown = scene.make_scene(PAIR, EVERY_REFERENCE_POINT, KEPT, runs, WATERFALL, METHOD, LENGTH)
     assert (len(shown.clean), len(shown.perturbed)) == (58, 60)
     scene.picture(shown)
 
@@ -127,7 +128,7 @@ def test_a_sample_counts_as_much_as_it_weighs():
 
 def test_a_pair_that_was_not_registered_is_still_shown():
     runs = runs_table([WATERFALL]).iloc[:0]
-    empty = scene.make_scene(PAIR, EVERY_REFERENCE_POINT, KEPT, runs, WATERFALL, METHOD)
+    empty = scene.make_scene(PAIR, EVERY_REFERENCE_POINT, KEPT, runs, WATERFALL, METHOD, LENGTH)
     row = pair_row(
         reason="overlap ratio 0.08 is not above 0.1", warning="looks wrong. Hint: units."
     )
@@ -140,7 +141,7 @@ def test_a_pair_that_was_not_registered_is_still_shown():
 
 
 def test_an_estimator_without_samples_says_so():
-    without = scene.make_scene(PAIR, EVERY_REFERENCE_POINT, KEPT, None, WATERFALL, METHOD)
+    without = scene.make_scene(PAIR, EVERY_REFERENCE_POINT, KEPT, None, WATERFALL, METHOD, LENGTH)
     figure = scene.picture(without)
     assert figure.subfigs[1].texts[0].get_text() == "The estimator returns no pose samples."
     for say in (scene.caption, scene.page_caption):

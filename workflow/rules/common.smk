@@ -407,6 +407,7 @@ def sections():
             "scope": scope,
             "study": study_of({"experiment": experiment.name}),
             "shap": at(paths.TABLE, scope=scope, table="shap"),
+            "directions": at(paths.TABLE, scope=scope, table="directions"),
             "uncertainty": at(paths.TABLE, scope=scope, table="uncertainty"),
             "pairs": at(paths.TABLE, scope=scope, table="pairs"),
             "figures": figures_of(experiment, scope, "svg"),
@@ -452,7 +453,7 @@ def targets():
         if not selected_sequences(CONFIG.experiments[name]):
             known = ", ".join(CONFIG.experiments[name].pairs)
             logger.info(f"Skipping {name}: none of its sequences ({known}) is selected.")
-    found = files_of(sections(), "uncertainty", "shap", "pairs")
+    found = files_of(sections(), "uncertainty", "shap", "directions", "pairs")
     for experiment, scope in selected_scopes():
         found += figures_of(experiment, scope, "png") + figures_of(experiment, scope, "txt")
         found += scenes_of(experiment, scope, "html")

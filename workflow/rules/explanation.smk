@@ -1,10 +1,10 @@
 """From pose samples and covariances to uncertainties and to what each cause contributes.
 
-Outputs: results/{experiment}/{sequence}/{pairs,uncertainty,shap,resampled}.parquet,
-results/{experiment}/{pairs,uncertainty,shap,resampled}.parquet
+Outputs: results/{experiment}/{sequence}/{pairs,uncertainty,shap,directions,resampled}.parquet,
+results/{experiment}/{pairs,uncertainty,shap,directions,resampled}.parquet
 """
 
-TABLES = ("pairs", "uncertainty", "shap", "resampled")
+TABLES = ("pairs", "uncertainty", "shap", "directions", "resampled")
 
 
 rule explain_sequence:

@@ -10,6 +10,7 @@ rule draw_figure:
     """Draw a figure of an experiment, or of one sequence of it."""
     input:
         shap=at(paths.TABLE, table="shap"),
+        directions=at(paths.TABLE, table="directions"),
     output:
         png=report(
             at(paths.FIGURE, kind="png"),

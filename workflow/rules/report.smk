@@ -77,7 +77,7 @@ rule compare_with_paper:
 rule provenance:
     """Write down what the selected experiments were made with."""
     input:
-        files_of(sections(), "uncertainty", "shap", "pairs"),
+        files_of(sections(), "uncertainty", "shap", "directions", "pairs"),
     output:
         paths.PROVENANCE,
     log:
@@ -99,7 +99,7 @@ rule provenance:
 rule report:
     """Make the report of the selected experiments, and the few lines that end a run."""
     input:
-        files_of(sections(), "shap", "uncertainty", "pairs"),
+        files_of(sections(), "shap", "directions", "uncertainty", "pairs"),
         # Both or none: where no selected sequence is of the paper, there is nothing to compare.
         compared=[at(paths.COMPARISON, kind=kind) for kind in ("csv", "svg") if compared_sections()],
         provenance=paths.PROVENANCE,

@@ -30,7 +30,8 @@ def draw_scene(paths, output, sequence, indices, params):
     # Of a pair that is not registered nothing was removed, and perhaps nothing can be.
     setting = Setting.at(params.instance if row.registered else {})
     kept = (draws.kept(setting, scan, 0) for scan in ("reference", "source"))
-    shown = scene.make_scene(pair, *kept, runs, params.instance, Method(**params.method))
+    read_by = Method(**params.method), row.characteristic_length
+    shown = scene.make_scene(pair, *kept, runs, params.instance, *read_by)
     study = Study(**params.study)
     save(scene.picture(shown), output.png, output.svg)
     caption = scene.caption(shown, study, row)

@@ -6,6 +6,7 @@ from icpshap import plan, tables
 from icpshap.estimators.kind import Returns
 from icpshap.explanation import games
 from icpshap.explanation.method import Method
+from icpshap.explanation.scan_pair import ScanPair
 from icpshap.jobs import plans
 from icpshap.jobs.job import job
 
@@ -19,16 +20,16 @@ def explain_sequence(paths, output, planned, jobs):
     for files in filter(None, (paths.runs, paths.estimates)):
         plans.check_estimates(files, jobs, planned, paths.pairs)
     runs, estimates = (of_pairs(paths[name], name) for name in ("runs", "estimates"))
-    made = {"pairs": [pairs], "uncertainty": [], "shap": []}
+    made = {"pairs": [pairs], **{name: [] for name in games.Explanation._fields}}
     made["resampled"] = [tables.empty("resampled", causes)]
     for pair in pairs.itertuples():
         indices = (pair.reference, pair.source)
         returned = (runs.get(indices), estimates.get(indices))
         read_by = (planned["off"], Returns(**planned["returns"]), method)
-        arguments = (*returned, instances, *read_by, (planned["sequence"], *indices))
-        uncertainty, shap = games.explain(*arguments, pair.reason)
-        made["uncertainty"].append(uncertainty)
-        made["shap"].append(shap)
+        arguments = (*returned, instances, *read_by, ScanPair.of(pair))
+        explained = games.explain(*arguments, pair.reason)._asdict()
+        for table, frame in explained.items():
+            made[table].append(frame)
         if pair.registered:
             made["resampled"].append(games.resampled_values(*arguments))
     for table, frames in made.items():

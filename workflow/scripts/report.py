@@ -11,7 +11,7 @@ from icpshap.report import comparison, page
 from icpshap.report.study import Study
 
 
-def section(scope, study, shap, uncertainty, pairs, figures, rankings):
+def section(scope, study, shap, directions, uncertainty, pairs, figures, rankings):
     ranking = None
     if rankings:
         ranking = pd.read_csv(rankings[0], keep_default_na=False, na_values=[""])
@@ -19,10 +19,11 @@ def section(scope, study, shap, uncertainty, pairs, figures, rankings):
         scope,
         Study(**study),
         tables.read(shap, "shap"),
+        tables.read(directions, "directions"),
         tables.read(pairs, "pairs"),
         ranking,
         figures,
-        [shap, uncertainty, pairs, *rankings],
+        [shap, directions, uncertainty, pairs, *rankings],
     )
 
 

@@ -1,7 +1,7 @@
 """Figures: tables in, matplotlib figures out."""
 
 from icpshap.report import captions
-from icpshap.report.figures import couples, pairs, shapley, style
+from icpshap.report.figures import couples, directions, pairs, shapley, style
 
 DRAWERS = {
     "summary": shapley.summary,
@@ -24,3 +24,10 @@ def draw(name, table, study):
         else:
             figure = DRAWERS[name](table, study)
     return figure, captions.caption(name, table, study)
+
+
+def draw_directions(table, shap, study):
+    """The figure of a directions table, and its caption; shap: the shap table beside it."""
+    with style.styled():
+        figure = directions.picture(table, study)
+    return figure, captions.of_directions(table, shap, study)

@@ -61,19 +61,20 @@ class Scene:
         return [c for c in players if self.values.get(c.name, c.off) != c.off]
 
 
-def make_scene(pair, kept_reference, kept_source, runs, values, method):
+def make_scene(pair, kept_reference, kept_source, runs, values, method, length):
     """The `Scene` of a data.pair.Pair.
 
     kept_reference, kept_source: masks (n,), (m,) of the raw rows that the causes leave at `values`,
     a level for each cause of the experiment; runs: the pair's runs table, None if the estimator
-    returns no samples; method: explanation.method.Method, which says what a wrong basin is.
+    returns no samples; method: explanation.method.Method, which says what a wrong basin is, with
+    the pair's characteristic length [m].
     """
     if runs is None:
         nothing = pd.DataFrame()
         return Scene(pair, kept_reference, kept_source, nothing, nothing, values, NO_SAMPLES)
     first = runs[~runs.again & (runs.replicate == 0)]
     off = {cause.name: cause.off for cause in named(values)}
-    clean, perturbed = (_marked(_at(first, levels), method) for levels in (off, values))
+    clean, perturbed = (_marked(_at(first, levels), method, length) for levels in (off, values))
     no_poses = "" if min(len(clean), len(perturbed)) >= FEWEST else TOO_FEW
     if len(runs) == 0:
         no_poses = NOT_REGISTERED
@@ -85,10 +86,10 @@ def _at(runs, values):
     return runs[np.all([np.isclose(runs[name], level) for name, level in values.items()], axis=0)]
 
 
-def _marked(runs, method):
+def _marked(runs, method, length):
     if len(runs) == 0:
         return runs.assign(wrong_basin=False)
-    marked = runs.assign(wrong_basin=mark_wrong_basins(runs, method))
+    marked = runs.assign(wrong_basin=mark_wrong_basins(runs, method, length))
     return marked[marked.status.isin(GOOD_STATUS)]
 
 

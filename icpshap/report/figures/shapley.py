@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from icpshap.report import captions, words
+from icpshap.report import captions, effects, words
 from icpshap.report.figures.style import (
     COLUMN,
     DECREASE,
@@ -12,6 +12,7 @@ from icpshap.report.figures.style import (
     INK,
     LEVELS,
     MUTED,
+    NARROWING,
     mark_noise_floor,
     rows_height,
     say_nothing,
@@ -103,15 +104,18 @@ def waterfall(table, study):
         return say_nothing(figure, reason)
     axes = figure.add_subplot()
     ranked = sorted(shown, key=lambda cause: abs(row[f"phi_{cause.name}"]))
-    _arrows(axes, table, ranked)
+    narrowing = effects.narrowing(table, study)
+    _arrows(axes, table, ranked, narrowing)
     labels = [f"{c.title}\n{words.level(c, row[c.name])}" for c in ranked]
+    narrows = "\nnarrows the spread"
+    labels = [f"{text}{narrows * (c in narrowing)}" for text, c in zip(labels, ranked, strict=True)]
     axes.set_yticks(range(len(labels)), labels, fontsize=7)
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     axes.set_ylim(-0.6, len(labels) - 0.4)
     axes.set_xlabel(f"f, {captions.reading(study)}")
     title = f"f = {words.with_interval(row.f, row.f_low, row.f_high)}"
-    axes.set_title(title, loc="right", pad=3)
+    axes.set_title(f"{'the spread shrinks: ' * bool(row.shrinks)}{title}", loc="right", pad=3)
     axes.locator_params(axis="x", nbins=5)
     _mark_chance(axes, row)
     if axes.get_legend_handles_labels()[0]:
@@ -119,7 +123,7 @@ def waterfall(table, study):
     return figure
 
 
-def _arrows(axes, table, ranked):
+def _arrows(axes, table, ranked, narrowing):
     """An arrow for each cause from where the one below it ends, with interval and number."""
     row = table.iloc[0]
     ends = row.base_value + np.cumsum([0.0, *(row[f"phi_{cause.name}"] for cause in ranked)])
@@ -127,7 +131,10 @@ def _arrows(axes, table, ranked):
     for position, cause in enumerate(ranked):
         phi, low, high = (row[f"phi_{cause.name}{part}"] for part in ("", "_low", "_high"))
         filled = not contains_zero(table, f"phi_{cause.name}")[0]
-        _arrow(axes, ends[position], position, phi, min(head, abs(phi)), filled)
+        colour = INCREASE if phi >= 0 else DECREASE
+        if cause in narrowing:
+            colour = NARROWING
+        _arrow(axes, ends[position], position, phi, min(head, abs(phi)), filled, colour)
         interval = ends[position] + low, ends[position] + high
         axes.plot(interval, [position] * 2, color=INK, linewidth=1.2, zorder=5)
         axes.plot([ends[position + 1]] * 2, [position, position + 1], ":", color=MUTED, lw=0.6)
@@ -141,8 +148,7 @@ def _arrows(axes, table, ranked):
         )
 
 
-def _arrow(axes, start, position, phi, head, filled):
-    colour = INCREASE if phi >= 0 else DECREASE
+def _arrow(axes, start, position, phi, head, filled, colour):
     if phi == 0:  # an arrow without length has no direction
         axes.plot([start] * 2, [position - 0.35, position + 0.35], color=colour, linewidth=0.8)
         return

@@ -17,7 +17,7 @@ RASTER_DPI = 300
 ROW, AROUND_ROWS = 0.42, 0.64
 
 # Okabe and Ito's colours, which people with any colour vision can tell apart.
-INCREASE, DECREASE = "#D55E00", "#0072B2"
+INCREASE, DECREASE, NARROWING = "#D55E00", "#0072B2", "#009E73"
 INK, MUTED, FAINT = "#222222", "#777777", "#DDDDDD"
 # Dark to bright without the palest part, which is lost on white paper.
 LEVELS = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0, 0.9, 256)))

@@ -1,0 +1,193 @@
+"""Which cause makes which direction uncertain: variances, and what the squared error grows by.
+
+The variance along a direction is a game of its own: additive where causes are independent, in
+metres and radians. Directions are the axes of the reference frame at the source scanner's origin,
+and the weakest one of the instance.
+"""
+
+from functools import partial
+
+import numpy as np
+import pandas as pd
+
+from icpshap.explanation import shapley
+from icpshap.explanation.patterns import alike
+from icpshap.explanation.uncertainty import (
+    Estimate,
+    columns_of,
+    estimate,
+    kept_runs,
+    over_replicates,
+)
+
+AXES = {
+    "rotation_x": "roll",
+    "rotation_y": "pitch",
+    "rotation_z": "yaw",
+    "translation_x": "along x",
+    "translation_y": "along y",
+    "translation_z": "along z",
+}
+TOTALS = {"rotation": "total rotation", "translation": "total translation"}
+ERRORS = {"error_rotation": "square_rotation", "error_translation": "square_translation"}
+DIRECTIONS = (*AXES, *TOTALS, "weakest", *ERRORS)
+VECTOR = [f"vector_{k}" for k in range(6)]
+NAMED_SHARE = 1 / 6  # of a direction, the mean of its components, from which words name one
+QUANTILE = 0.95
+SETTINGS_AT_ONCE = 4096
+
+
+def directions_table(replicates, instances, rows, method, pair):
+    """A row for each direction of each instance, and for the growth of both squared errors.
+
+    replicates: list of `sample.Sample`; rows (i, 2^M): of each, the settings of the coalitions of
+    each instance; pair: `scan_pair.ScanPair`. Variances [rad^2 or m^2] are of the runs that f is
+    computed from, without the covariance floor; squared errors about the ground truth, of all that
+    did not fail.
+    """
+    method = method.with_floor(0.0).of_covariances
+    causes = list(replicates[0].causes)
+    turn = pair.to_reference_axes
+    unit = np.repeat([pair.characteristic_length, 1.0], 3)  # rad to m
+    weakest = weakest_directions(replicates, rows, method, unit[:, None] * turn)
+    vectors = {name: turn[k][None] for k, name in enumerate(AXES)}
+    vectors |= {"rotation": turn[:3], "translation": turn[3:]}
+    vectors["weakest"] = ((weakest * unit) @ turn)[:, None]
+    parts = []
+    for name in DIRECTIONS:
+        if name in ERRORS:
+            found = _explain(replicates, rows, method, partial(_mean, ERRORS[name]), False)
+        else:
+            found = _explain(replicates, rows, method, partial(_variance, vectors[name]))
+        part = {
+            **instances[["instance", *causes]].to_dict(orient="list"),
+            "direction": name,
+            "words": _words(name, weakest),
+            **_vector(name, weakest),
+            **_columns(causes, found),
+            **_quantiles(name, replicates, rows),
+        }
+        parts.append(pd.DataFrame(part))
+    table = pd.concat(parts, ignore_index=True)
+    return table.sort_values("instance", kind="stable", ignore_index=True)
+
+
+def weakest_directions(replicates, rows, method, scaled):
+    """Unit vectors (i, 6) along which the covariance with all causes on is largest.
+
+    scaled (6, 6): from pose errors to metres in the reference's axes. Of either sign that makes the
+    largest component positive; NaN where too few runs are left.
+    """
+    covariance = np.zeros((len(rows[0]), 6, 6))
+    for sample, games in zip(replicates, rows, strict=True):
+        found = np.full_like(covariance, np.nan)
+        for kept, members in alike(kept_runs(sample, games, method)):
+            if kept.sum() < sample.fewest:
+                continue
+            weights = kept[None].astype(float)
+            found[members] = sample.spread(games[members, -1], weights, method).covariance[:, 0]
+        covariance += found / len(replicates)
+    vectors = np.full((len(covariance), 6), np.nan)
+    known = np.isfinite(covariance).all(axis=(1, 2))
+    if known.any():
+        found = np.linalg.eigh(scaled @ covariance[known] @ scaled.T)[1][..., -1]
+        largest = np.take_along_axis(found, np.abs(found).argmax(axis=1)[:, None], axis=1)
+        vectors[known] = found * np.sign(largest)
+    return vectors
+
+
+def in_words(vector):
+    """A direction (6,) in words, as in 'along x, yaw': its components, the largest first.
+
+    Rotation in units of 1/L, as `weakest_directions` gives it; small components are not named.
+    """
+    shares = np.square(vector)
+    named = [k for k in np.argsort(-shares, kind="stable") if shares[k] >= NAMED_SHARE]
+    return ", ".join(list(AXES.values())[k] for k in named)
+
+
+def _words(name, weakest):
+    if name == "weakest":
+        return ["" if np.isnan(vector).any() else in_words(vector) for vector in weakest]
+    return {**AXES, **TOTALS}.get(name, "squared error")
+
+
+def _vector(name, weakest):
+    """The direction as a unit vector, where it is one."""
+    vectors = np.full_like(weakest, np.nan)
+    if name == "weakest":
+        vectors = weakest
+    elif name in AXES:
+        vectors = np.broadcast_to(np.eye(6)[list(AXES).index(name)], weakest.shape)
+    return dict(zip(VECTOR, vectors.T, strict=True))
+
+
+def _explain(replicates, rows, method, values, leave_out=None):
+    """`Estimate` of the `_quantities` over all replicates; values(sample, games, weights)."""
+    found = []
+    for sample, games in zip(replicates, rows, strict=True):
+        if leave_out is False and not sample.returns.samples:
+            nothing = np.full((len(games), _quantities(games[0] * 0.0).shape[-1]), np.nan)
+            found.append(Estimate(*[nothing] * 4))
+            continue
+        given = partial(values, sample, games)
+        found.append(estimate(sample, games, _quantities, method, leave_out, values=given))
+    return over_replicates(found)
+
+
+def _quantities(game):
+    """Clean value, value, growth, and of each cause its part, removal and what remains without."""
+    clean, value = game[..., :1], game[..., -1:]
+    phi, removal = shapley.shapley_values(game), shapley.removal_effects(game)
+    return np.concatenate([clean, value, value - clean, phi, removal, value - removal], axis=-1)
+
+
+def _columns(causes, found):
+    names = ["clean", "value", "growth"]
+    names += [f"{what}_{name}" for what in ("phi", "removal", "remaining") for name in causes]
+    columns = columns_of(names, found)
+    negative = [columns[f"phi_{name}_high"] < 0 for name in causes]
+    grows = columns["growth_low"] > 0
+    return columns | {"in_per_cent": grows & ~np.any(negative, axis=0)}
+
+
+def _variance(vectors, sample, games, members, weights):
+    """Variance (k, g, r) along vectors, common (d, 6) or of each game (i, d, 6), summed over d."""
+    if vectors.ndim == 2:
+        settings, inverse = np.unique(games[members], return_inverse=True)
+        found = sample.variance_along(settings, vectors, weights)
+        return found[inverse.reshape(-1, games.shape[1])]
+    step = max(1, SETTINGS_AT_ONCE // games.shape[1])
+    parts = np.split(members, range(step, len(members), step))
+    return np.concatenate(
+        [sample.variance_along(games[part], vectors[part, None], weights) for part in parts]
+    )
+
+
+def _mean(number, sample, games, members, weights):
+    """Mean (k, g, r) of a number of the runs."""
+    settings, inverse = np.unique(games[members], return_inverse=True)
+    return sample.mean(number, settings, weights)[inverse.reshape(-1, games.shape[1])]
+
+
+def _quantiles(name, replicates, rows):
+    """95 % quantile of the error, clean and with all causes on; NaN for other rows."""
+    columns = {"clean_quantile_95": np.nan, "quantile_95": np.nan}
+    if name in ERRORS and replicates[0].returns.samples and replicates[0].xi.size:
+        found = []
+        for sample, games in zip(replicates, rows, strict=True):
+            error = np.sqrt(sample.numbers(ERRORS[name]))
+            found.append(_quantile(error, QUANTILE)[games[:, [0, -1]]])
+        columns = dict(zip(columns, np.mean(found, axis=0).T, strict=True))
+    return columns
+
+
+def _quantile(values, probability):
+    """Linear quantile (s,) of the values (s, n) that are no NaN."""
+    ordered = np.sort(values, axis=1)
+    count = np.isfinite(values).sum(axis=1)
+    position = probability * np.maximum(count - 1, 0)
+    low = np.floor(position).astype(int)
+    high = np.minimum(low + 1, np.maximum(count - 1, 0))
+    ends = [np.take_along_axis(ordered, end[:, None], axis=1)[:, 0] for end in (low, high)]
+    return ends[0] + (position - low) * (ends[1] - ends[0])

@@ -1,0 +1,50 @@
+"""Whether an instance makes the spread smaller, which a divergence counts as uncertainty too.
+
+An instance shrinks if the interval of its entropy difference lies below 0; a cause narrows if that
+of its Shapley value of the entropy difference does.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from icpshap.explanation import shapley
+from icpshap.explanation.pose_errors import pose_error_columns
+from icpshap.explanation.uncertainty import columns_of, estimate, over_replicates
+
+ERRORS = ("translation_rmse", "rotation_rmse")
+
+
+def shrinking_columns(replicates, rows, method):
+    """Entropy differences and errors of instances, by column; rows (i, 2^M) of each replicate."""
+    causes = replicates[0].causes
+    by_entropy = replace(method, divergence="entropy_difference")
+    found = over_replicates(
+        [
+            estimate(sample, row, _f_and_phi, by_entropy)
+            for sample, row in zip(replicates, rows, strict=True)
+        ]
+    )
+    phi = found.part(slice(1, None))
+    return {
+        **columns_of(["entropy_difference"], found),
+        **columns_of([f"entropy_difference_{cause}" for cause in causes], phi),
+        "shrinks": found.high[:, 0] < 0,
+        **{f"narrows_{cause}": phi.high[:, q] < 0 for q, cause in enumerate(causes)},
+        **_errors(replicates, rows),
+    }
+
+
+def _f_and_phi(game):
+    return np.concatenate([game[..., -1:], shapley.shapley_values(game)], axis=-1)
+
+
+def _errors(replicates, rows):
+    """Mean errors over the replicates, of the clean setting and of the instance."""
+    columns = [pose_error_columns(sample) for sample in replicates]
+    found = {}
+    for name in ERRORS:
+        of_settings = [of[name][row] for of, row in zip(columns, rows, strict=True)]
+        found[f"clean_{name}"] = np.mean([error[:, 0] for error in of_settings], axis=0)
+        found[name] = np.mean([error[:, -1] for error in of_settings], axis=0)
+    return found

@@ -1,0 +1,129 @@
+"""What follows from an explanation, in words: what shrinks, what a removal brings, wrong basins.
+
+Tables are shap tables, and studies `study.Study`.
+"""
+
+import numpy as np
+from tabulate import tabulate
+
+from icpshap.report import words
+
+MOST = 0.5  # of the rows in which a cause is on, from which the whole is named after them
+
+
+def narrowing(table, study):
+    """The causes that narrow the spread in most of the rows in which they are on."""
+    found = []
+    for cause in study.shown(table):
+        rows = study.present(table, cause)
+        if len(rows) and rows[f"narrows_{cause.name}"].mean() > MOST:
+            found.append(cause)
+    return found
+
+
+def no_basin(table, study):
+    """How many instances have a setting whose runs do not lie together; "" for none."""
+    number = table.no_basin.sum()
+    if not number:
+        return ""
+    return (
+        f"in {number:,} of {len(table):,} instances fewer than half of the {study.repeats} of a "
+        "setting lie together, so that it has no basin: no share of wrong basins, and a covariance "
+        "that says little"
+    )
+
+
+def shrinking(table, study):
+    """Where the spread gets smaller, by how much, and through which cause; "" where it does not."""
+    kept = study.valued(table)
+    shrunk, narrow = kept[kept.shrinks], narrowing(table, study)
+    parts = []
+    if len(shrunk):
+        parts.append(
+            f"the spread shrinks in {len(shrunk):,} of {len(kept):,} instances (half the log "
+            f"determinant {words.of_rows(shrunk, 'entropy_difference')} nats{_errors(shrunk)})"
+        )
+    if narrow:
+        names = words.listed([cause.title for cause in narrow])
+        verb = "narrow" if len(narrow) > 1 else "narrows"
+        what = "sources" if len(narrow) > 1 else "source"
+        parts.append(
+            f"{names} {verb} it and {'are' if len(narrow) > 1 else 'is'} no {what} of uncertainty, "
+            "though f counts any change"
+        )
+    return "; ".join(parts)
+
+
+def _errors(rows):
+    before, after = rows.clean_translation_rmse.median(), rows.translation_rmse.median()
+    if np.isnan(before) or np.isnan(after):
+        return ""
+    return f", translation RMSE from {words.centimetres(before)} to {words.centimetres(after)} cm"
+
+
+def removal(table, study):
+    """Which removal brings most, where that is not the cause that contributes most; "" else."""
+    effects, phi = {}, {}
+    for cause in study.shown(table):
+        rows = study.present(table, cause)
+        if len(rows) and cause not in narrowing(table, study):
+            effects[cause] = rows[f"removal_{cause.name}"].median()
+            phi[cause] = rows[f"phi_{cause.name}"].median()
+    if not effects:
+        return ""
+    best, largest = max(effects, key=effects.get), max(phi, key=phi.get)
+    if best is largest:
+        return ""
+    one, other = (f"{words.number(effects[c])} {study.unit}" for c in (best, largest))
+    return (
+        f"but removing {best.title} lowers f most, by {one} in the median, removing "
+        f"{largest.title} by {other}"
+    )
+
+
+def shares(table, study):
+    """What share of the runs ends in a wrong basin, clean and perturbed; none without samples."""
+    kept = study.valued(table)
+    kept = kept[kept.wrong_basin_share.notna()]
+    if len(kept) == 0:
+        return []
+    clean, share = (
+        words.of_rows(kept, f"{name}wrong_basin_share", percent=True) for name in ("clean_", "")
+    )
+    return [
+        f"Share of {study.repeats} that failed or ended in a wrong basin: {clean} % clean, {share} "
+        "% with all causes on."
+    ]
+
+
+def table_of_causes(table, study, form="html"):
+    """Of each cause phi, removal effect and part of the wrong-basin share, side by side.
+
+    Of one instance with intervals, of several the medians over those in which the cause is on.
+    """
+    header = ["Cause", f"φ [{study.unit}]", f"removal effect [{study.unit}]", "part of W [%]"]
+    body = []
+    for cause in study.shown(table):
+        rows = study.present(table, cause)
+        if len(rows) == 0:
+            continue
+        narrow = " (narrows the spread)" * (cause in narrowing(table, study))
+        body.append(
+            [
+                f"{cause.title}{narrow}",
+                words.of_rows(rows, f"phi_{cause.name}"),
+                words.of_rows(rows, f"removal_{cause.name}"),
+                words.of_rows(rows, f"wrong_basin_{cause.name}", percent=True),
+            ]
+        )
+    return tabulate(body, header, tablefmt=form, disable_numparse=True) if body else ""
+
+
+def note_of_causes(table, study):
+    """What the table of the causes shows."""
+    several = len(study.valued(table)) > 1
+    whose = "medians over the instances in which a cause is on" if several else "of the instance"
+    return (
+        f"φ says how f is shared out, the removal effect what f falls by without the cause; W is "
+        f"the share of {study.repeats} that failed or ended in a wrong basin; {whose}."
+    )
