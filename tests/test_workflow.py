@@ -74,6 +74,7 @@ def test_forcing_one_sequence_leaves_the_others_alone(finished):
     assert "tiny_room" not in plan.replace("(tiny_room)", "")
 
 
+@pytest.mark.slow
 def test_same_bytes_with_other_cores_and_other_chunks(finished, project):
     tables = [
         f"results/{experiment}/{table}.parquet"
@@ -153,7 +154,11 @@ class TestWhatRunsAgain:
         assert self.planned(edited)["run_icp"] > 3
 
     def test_editing_a_cause_registers_the_experiments_that_name_it(self, edited):
-        change(edited.code / "icpshap/causes/sensor_noise.py", "points + level", "points - level")
+        change(
+            edited.code / "icpshap/causes/sensor_noise.py",
+            "points + self._sigma",
+            "points - self._sigma",
+        )
         change(
             edited.folder / "tiny.yaml",
             "run: [tiny_grid, tiny_fixed, tiny_pose]",

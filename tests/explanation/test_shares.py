@@ -58,7 +58,8 @@ def test_where_no_mark_varies_the_interval_is_three_runs_wide():
         ends = [row[f"wrong_basin_{name}{end}"] for end in ("_low", "", "_high")]
         assert ends == pytest.approx([-0.03, 0.0, 0.03])
     off = table[table["sensor_noise"] == 0]
-    assert (off[["wrong_basin_sensor_noise_low", "wrong_basin_sensor_noise_high"]] == 0).all(None)
+    interval = off[["wrong_basin_sensor_noise_low", "wrong_basin_sensor_noise_high"]]
+    assert (interval == 0).all(axis=None)
 
 
 def test_draws_that_differ_widen_the_interval():

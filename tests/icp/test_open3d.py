@@ -12,6 +12,8 @@ from icpshap.data.poses import read_poses
 from icpshap.data.scans import read_scan
 from icpshap.data.simulate import simulate_poses, simulate_scan
 
+pytestmark = pytest.mark.slow
+
 RUNS = 100
 DISTANCE = 1.0  # m, of the longest link
 ALL_LINKS = icp.Trimmed(1.0)
