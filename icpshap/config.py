@@ -325,6 +325,11 @@ def _sequence_inconsistencies(where, block):
             f"found {', '.join(kinds) or 'none'}. "
             "Hint: `archive: null` unsets a key of config.yaml"
         )
+    if block.get("time") in ("x", "y", "z"):
+        yield (
+            f"{where}.time: {block['time']} is a coordinate, expected the column of the times. "
+            "Hint: without such a column leave it out, and `scan_order` of the estimator counts"
+        )
     if block.get("simulated") is not None and "time" in block:
         yield (
             f"{where}.time: simulated scans have no columns, expected none. "

@@ -375,6 +375,7 @@ MORE_MISTAKES = [
     ("estimators.released_code.based_on", ["paper"], "estimators.released_code.based_on"),
     ("sequences", [["apartment"]], "sequences"),
     ("run", [{"a": 1}], "run"),
+    ("data.apartment.time", "x", "data.apartment.time: x is a coordinate, expected the column"),
     (
         f"{SAME}.instances.fixed.sensor_nois",
         0.1,

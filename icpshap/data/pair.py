@@ -101,8 +101,9 @@ def describe_pair(pair, sequence, indices, *, levels, minimum_overlap, minimum_r
     reference, source = indices
     for index, points in ((reference, pair.reference), (source, pair.source)):
         check_scan(points, minimum_range, f"{sequence}, scan {index}")
-    registered = pair.overlap > minimum_overlap
     pair = pair.for_chain(minimum_range)
+    reason = _not_registered(pair, minimum_overlap)
+    registered = not reason
     for cause, level in levels if registered else ():
         try:
             cause.check(pair, level)
@@ -111,9 +112,6 @@ def describe_pair(pair, sequence, indices, *, levels, minimum_overlap, minimum_r
             raise PerturbationError(f"{where}: {error}") from None
     distance, warning = ground_truth_distance(
         pair.reference, pair.source, pair.T_reference_source, minimum_range
-    )
-    reason = (
-        "" if registered else f"overlap ratio {pair.overlap:.4f} is not above {minimum_overlap}"
     )
     logging.info("overlap %.4f, median distance at the true pose %.4f m", pair.overlap, distance)
     if pair.overlap > 1:
@@ -138,3 +136,12 @@ def describe_pair(pair, sequence, indices, *, levels, minimum_overlap, minimum_r
         "reason": reason,
         "warning": warning,
     }
+
+
+def _not_registered(pair, minimum_overlap):
+    """Why a pair is not registered; "" if it is."""
+    if not pair.overlap > minimum_overlap:
+        return f"overlap ratio {pair.overlap:.4f} is not above {minimum_overlap}"
+    if not pair.overlap_in_range.any():
+        return f"all overlap lies within minimum_range, {pair.minimum_range:g} m, of the scanner"
+    return ""

@@ -206,7 +206,7 @@ def require_points(pair, setting, estimator, streams):
             f"{streams.sequence}, scans {streams.reference} and {streams.source}: "
             f"{', '.join(f'{cause.name} {level:g}' for cause, level in removing)} and "
             f"subsampling_probability {estimator.perturbing.subsampling_probability:g} leave a run "
-            f"{left:.1f} of {in_range.sum()} source points beyond the minimum range in the mean, "
+            f"{left:.4g} of {in_range.sum()} source points beyond the minimum range in the mean, "
             f"expected at least {FEWEST_POINTS}.\nHint: smaller levels of these causes, or a "
             "larger subsampling_probability."
         )

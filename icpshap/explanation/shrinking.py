@@ -1,7 +1,8 @@
 """Whether an instance makes the spread smaller, which a divergence counts as uncertainty too.
 
 An instance shrinks if the interval of its entropy difference lies below 0; a cause narrows if that
-of its Shapley value of the entropy difference does.
+of its Shapley value of the entropy difference does. What a deterministic estimator returns needs no
+interval: there the number itself counts.
 """
 
 from dataclasses import replace
@@ -26,11 +27,17 @@ def shrinking_columns(replicates, rows, method):
         ]
     )
     phi = found.part(slice(1, None))
+    certain = replicates[0].returns.is_deterministic
+
+    def is_below_zero(number):
+        return np.where(np.isnan(number.high) & certain, number.value, number.high) < 0
+
+    narrows = is_below_zero(phi)
     return {
         **columns_of(["entropy_difference"], found),
         **columns_of([f"entropy_difference_{cause}" for cause in causes], phi),
-        "shrinks": found.high[:, 0] < 0,
-        **{f"narrows_{cause}": phi.high[:, q] < 0 for q, cause in enumerate(causes)},
+        "shrinks": is_below_zero(found)[:, 0],
+        **{f"narrows_{cause}": narrows[:, q] for q, cause in enumerate(causes)},
         **_errors(replicates, rows),
     }
 

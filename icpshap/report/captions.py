@@ -106,7 +106,8 @@ def finding(table, study):
     where = f"{study.name} ({_which_pairs(table, study)})"
     if len(study.valued(table)) == 0:
         first = effects.no_basin(table, study)
-        return f"{where}: {'; '.join(filter(None, (first, 'no pair has a value')))}."
+        found = f"{where}: {'; '.join(filter(None, (first, 'no pair has a value')))}."
+        return " ".join([found, *effects.shares(table, study)])
     rows = {cause: study.present(table, cause) for cause in study.shown(table)}
     rows = {cause: part for cause, part in rows.items() if len(part)}
     if not rows:
@@ -125,13 +126,15 @@ def _contributions(rows, table, study):
         known = judged(part, f"phi_{cause.name}")
         significant = ~contains_zero(known, f"phi_{cause.name}")
         told.append(f"{cause.title} in {significant.sum():,} of {len(known):,}")
-        if cause not in narrowing and (not judged_by or significant.sum() > 0.5 * len(known)):
+        # What narrows the spread in some instances may be a source of uncertainty in others.
+        narrows = part[f"narrows_{cause.name}"].mean() > effects.MOST
+        if not narrows and (not judged_by or significant.sum() > effects.MOST * len(known)):
             clear[cause] = part
-    widening = [cause for cause in rows if cause not in narrowing]
     parts = []
     if clear:
-        parts = [_largest(clear, study), effects.removal(table, study)]
-    elif widening:
+        largest = max(clear, key=lambda cause: clear[cause][f"phi_{cause.name}"].median())
+        parts = [_largest(largest, clear[largest], study), effects.removal(table, study, largest)]
+    elif any(cause not in narrowing for cause in rows):
         which = "other cause" if narrowing else "cause"
         parts = [f"no {which} can be told from zero in most instances"]
     if judged_by:
@@ -141,16 +144,17 @@ def _contributions(rows, table, study):
     return list(filter(None, parts))
 
 
-def _largest(rows, study):
-    """Which cause has the largest median; rows: those in which each is on."""
-    medians = {cause: part[f"phi_{cause.name}"].median() for cause, part in rows.items()}
-    largest = max(medians, key=medians.get)
+def _largest(cause, rows, study):
+    """That a cause has the largest median; rows: those in which it is on."""
     # Where the spread shrinks, f measures a change and not an uncertainty.
-    shrinks = rows[largest].shrinks.mean() > effects.MOST
-    does = "changes the spread most" if shrinks else "contributes most to the uncertainty"
-    return (
-        f"{largest.title} {does}, φ = {words.number(medians[largest])} {study.unit} in the median"
-    )
+    changes = (rows.shrinks | rows[f"narrows_{cause.name}"]).any()
+    does = "changes the spread most" if changes else "contributes most to the uncertainty"
+    return f"{cause.title} {does}, φ = {_in_median(rows, f'phi_{cause.name}', study)}"
+
+
+def _in_median(rows, name, study):
+    median = f"{words.number(rows[name].median())} {study.unit}"
+    return f"{median} in the median" if len(rows) > 1 else median
 
 
 # --- what makes it doubtful -----------------------------------------------------------------------

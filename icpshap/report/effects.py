@@ -7,18 +7,18 @@ import numpy as np
 from tabulate import tabulate
 
 from icpshap.report import words
+from icpshap.report.study import contains_zero, judged
 
 MOST = 0.5  # of the rows in which a cause is on, from which the whole is named after them
 
 
 def narrowing(table, study):
-    """The causes that narrow the spread in most of the rows in which they are on."""
-    found = []
-    for cause in study.shown(table):
-        rows = study.present(table, cause)
-        if len(rows) and rows[f"narrows_{cause.name}"].mean() > MOST:
-            found.append(cause)
-    return found
+    """The causes that narrow the spread in any row in which they are on."""
+    return [
+        cause
+        for cause in study.shown(table)
+        if study.present(table, cause)[f"narrows_{cause.name}"].any()
+    ]
 
 
 def no_basin(table, study):
@@ -41,14 +41,14 @@ def shrinking(table, study):
     if len(shrunk):
         parts.append(
             f"the spread shrinks in {len(shrunk):,} of {len(kept):,} instances (half the log "
-            f"determinant {words.of_rows(shrunk, 'entropy_difference')} nats{_errors(shrunk)})"
+            f"determinant {words.of_rows(shrunk, 'entropy_difference', 'nats')}{_errors(shrunk)})"
         )
-    if narrow:
-        names = words.listed([cause.title for cause in narrow])
-        verb = "narrow" if len(narrow) > 1 else "narrows"
-        what = "sources" if len(narrow) > 1 else "source"
+    for cause in narrow:
+        marks = study.present(table, cause)[f"narrows_{cause.name}"]
+        some = not marks.all()
+        where = f" in {marks.sum():,} of {len(marks):,} instances" if some else ""
         parts.append(
-            f"{names} {verb} it and {'are' if len(narrow) > 1 else 'is'} no {what} of uncertainty, "
+            f"{cause.title} narrows it{where} and is no source of uncertainty{' there' * some}, "
             "though f counts any change"
         )
     return "; ".join(parts)
@@ -61,38 +61,39 @@ def _errors(rows):
     return f", translation RMSE from {words.centimetres(before)} to {words.centimetres(after)} cm"
 
 
-def removal(table, study):
-    """Which removal brings most, where that is not the cause that contributes most; "" else."""
-    effects, phi = {}, {}
+def removal(table, study, largest):
+    """Which removal brings most, where that is not of the cause `largest`; "" else."""
+    effects = {}
     for cause in study.shown(table):
         rows = study.present(table, cause)
-        if len(rows) and cause not in narrowing(table, study):
+        if len(rows):
             effects[cause] = rows[f"removal_{cause.name}"].median()
-            phi[cause] = rows[f"phi_{cause.name}"].median()
-    if not effects:
+    best = max(effects, key=effects.get)
+    if best == largest:
         return ""
-    best, largest = max(effects, key=effects.get), max(phi, key=phi.get)
-    if best is largest:
-        return ""
-    one, other = (f"{words.number(effects[c])} {study.unit}" for c in (best, largest))
-    return (
-        f"but removing {best.title} lowers f most, by {one} in the median, removing "
-        f"{largest.title} by {other}"
-    )
+    one, other = (_removed(study.present(table, cause), cause, study) for cause in (best, largest))
+    return f"but removing {best.title} lowers f most, by {one}, removing {largest.title} by {other}"
+
+
+def _removed(rows, cause, study):
+    """The removal effect of a cause, and whether it can be told from zero."""
+    name = f"removal_{cause.name}"
+    text = words.of_rows(rows, name, study.unit)
+    known = judged(rows, name)
+    unclear = len(known) and contains_zero(known, name).mean() > MOST
+    return f"{text} (cannot be told from zero)" if unclear else text
 
 
 def shares(table, study):
     """What share of the runs ends in a wrong basin, clean and perturbed; none without samples."""
-    kept = study.valued(table)
-    kept = kept[kept.wrong_basin_share.notna()]
+    # Known even where too few runs are left for f.
+    kept = table[table.wrong_basin_share.notna()]
     if len(kept) == 0:
         return []
-    clean, share = (
-        words.of_rows(kept, f"{name}wrong_basin_share", percent=True) for name in ("clean_", "")
-    )
+    clean, share = (words.of_rows(kept, f"{name}wrong_basin_share", "%") for name in ("clean_", ""))
     return [
-        f"Share of {study.repeats} that failed or ended in a wrong basin: {clean} % clean, {share} "
-        "% with all causes on."
+        f"Share of {study.repeats} that failed or ended in a wrong basin: {clean} clean, {share} "
+        "with all causes on."
     ]
 
 
@@ -101,11 +102,11 @@ def table_of_causes(table, study, form="html"):
 
     Of one instance with intervals, of several the medians over those in which the cause is on.
     """
-    header = ["Cause", f"φ [{study.unit}]", f"removal effect [{study.unit}]", "part of W [%]"]
+    header = ["Cause", f"φ [{study.unit}]", f"removal effect [{study.unit}]", "part of W"]
     body = []
     for cause in study.shown(table):
-        rows = study.present(table, cause)
-        if len(rows) == 0:
+        rows = table[table[cause.name] != cause.off]
+        if not rows[[f"phi_{cause.name}", f"wrong_basin_{cause.name}"]].notna().any(axis=None):
             continue
         narrow = " (narrows the spread)" * (cause in narrowing(table, study))
         body.append(
@@ -113,7 +114,7 @@ def table_of_causes(table, study, form="html"):
                 f"{cause.title}{narrow}",
                 words.of_rows(rows, f"phi_{cause.name}"),
                 words.of_rows(rows, f"removal_{cause.name}"),
-                words.of_rows(rows, f"wrong_basin_{cause.name}", percent=True),
+                words.of_rows(rows, f"wrong_basin_{cause.name}", "%"),
             ]
         )
     return tabulate(body, header, tablefmt=form, disable_numparse=True) if body else ""
@@ -121,7 +122,7 @@ def table_of_causes(table, study, form="html"):
 
 def note_of_causes(table, study):
     """What the table of the causes shows."""
-    several = len(study.valued(table)) > 1
+    several = len(table) > 1
     whose = "medians over the instances in which a cause is on" if several else "of the instance"
     return (
         f"φ says how f is shared out, the removal effect what f falls by without the cause; W is "

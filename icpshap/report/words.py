@@ -68,12 +68,16 @@ def centimetres(metres):
     return significant(100 * metres)
 
 
-def of_rows(table, name, percent=False):
-    """A number of the rows of a table: of one row with its interval, of several the median."""
-    factor = 100 if percent else 1
+def of_rows(table, name, unit=""):
+    """A number of the rows of a table: of one row with its interval, of several the median.
+
+    unit: stands behind it; with "%" a share is told in per cent.
+    """
+    factor = 100 if unit == "%" else 1
     rows = factor * table[[name, f"{name}_low", f"{name}_high"]].dropna(subset=name)
+    unit = f" {unit}" if unit else ""
     if len(rows) == 0:
         return "no value"
     if len(rows) == 1:
-        return with_interval(*rows.iloc[0])
-    return f"{number(rows[name].median())} in the median"
+        return f"{with_interval(*rows.iloc[0])}{unit}"
+    return f"{number(rows[name].median())}{unit} in the median"

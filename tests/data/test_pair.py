@@ -37,6 +37,15 @@ def test_too_little_overlap_is_a_reason_and_no_error(room_pair):
     assert row["reason"] == "overlap ratio 0.0333 is not above 0.1"
 
 
+def test_overlap_that_the_chain_does_not_see_is_a_reason(room_pair):
+    ranges = np.linalg.norm(room_pair.source, axis=1)
+    near = float(np.quantile(ranges[room_pair.overlapping], 0.3))
+    seen_only_near = replace(room_pair, overlapping=room_pair.overlapping & (ranges <= near))
+    row = described(seen_only_near, minimum_range=near)
+    assert not row["registered"]
+    assert row["reason"] == f"all overlap lies within minimum_range, {near:g} m, of the scanner"
+
+
 def test_a_level_that_cannot_be_applied_names_pair_and_cause(room_pair):
     expected = r"room, scans 0 and 1: partial_overlap 1 is larger than their overlap ratio.*\nHint"
     half = replace(room_pair, overlapping=np.arange(len(room_pair.source)) < 1500)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from known_pair import PAIR
-from known_runs import OFF, instances, runs_table
+from known_runs import OFF, estimates_table, instances, runs_table
 
-from icpshap.estimators.kind import SAMPLES
+from icpshap.estimators.kind import COVARIANCES, SAMPLES
 from icpshap.explanation import games
 from icpshap.explanation.method import Method
-from icpshap.tables import XI
+from icpshap.tables import COVARIANCE, XI
 
 
 def explain_one(runs, **method):
@@ -47,3 +47,13 @@ def test_it_is_that_of_the_reading():
     by_reading = explain_one(narrowed(), divergence="entropy_difference")
     for end in ("", "_low", "_high"):
         assert by_reading[f"entropy_difference{end}"] == by_reading[f"f{end}"]
+
+
+def test_a_deterministic_estimator_shrinks_without_an_interval():
+    """Nothing varies in its estimates, so that the number itself counts."""
+    table = estimates_table()
+    table[COVARIANCE] *= np.where(table.sensor_noise > 0, 0.001, 1.0)[:, None]
+    given = (None, table, instances(), OFF, COVARIANCES, Method(), PAIR)
+    row = games.explain(*given).shap.iloc[0]
+    assert np.isnan(row["entropy_difference_high"]) and row["entropy_difference"] < 0
+    assert row["shrinks"] and row["narrows_sensor_noise"] and not row["narrows_initial_pose"]

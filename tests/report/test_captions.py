@@ -15,7 +15,7 @@ from known_results import (
     without_value,
 )
 
-from icpshap.report import captions
+from icpshap.report import captions, effects
 
 DRAWS = "one draw of the sensor noise and of the removed points"
 ABOUT_INTERVALS = ("significant", "distinguished", "told from zero", "95 %", "interval")
@@ -139,7 +139,7 @@ def test_finding_names_the_largest_cause(fixed):
         unclear = with_phi(unclear, name, 1.0, clear=False)
     assert "no cause can be told from zero in most instances" in captions.finding(unclear, STUDY)
     nothing = without_value(fixed, fixed.index, "too little overlap")
-    assert captions.finding(nothing, STUDY).endswith("no pair has a value.")
+    assert ": no pair has a value. Share of runs" in captions.finding(nothing, STUDY)
 
 
 @pytest.mark.parametrize("number", OF_NUMBER)
@@ -258,6 +258,47 @@ def test_what_shrinks_is_said_first_and_is_no_source_of_uncertainty(grid):
     assert "sensor noise contributes" not in text and "sensor noise changes" not in text
     caption = captions.caption("waterfall", STUDY.instance(narrow, STUDY.waterfall), STUDY)
     assert "green arrow" in caption and "no source of uncertainty" in caption
+
+
+def test_what_narrows_in_some_instances_is_not_called_a_source_of_uncertainty():
+    table = fixed_of(THREE)
+    columns = {
+        "phi_sensor_noise": 89.0,
+        "phi_sensor_noise_low": 80.0,
+        "phi_sensor_noise_high": 99.0,
+    }
+    first = table.index == table.index[0]
+    text = captions.finding(table.assign(**columns, narrows_sensor_noise=first), STUDY)
+    of = f"1 of {len(table)}"
+    assert (
+        f"sensor noise narrows it in {of} instances and is no source of uncertainty there" in text
+    )
+    assert "sensor noise changes the spread most, φ = 89.00 nats" in text
+    assert "contributes" not in text
+
+
+def test_a_removal_that_cannot_be_told_from_zero_says_so():
+    table = fixed_of(THREE)
+    for name, phi, removal in zip(THREE, (5.0, 6.0, 1.0), (2.0, 7.0, 0.0), strict=True):
+        wide = 10 * (name == "initial_pose")
+        for column, value in ((f"phi_{name}", phi), (f"removal_{name}", removal)):
+            ends = {"": value, "_low": value - 0.5 - wide, "_high": value + 0.5 + wide}
+            table = table.assign(**{f"{column}{end}": number for end, number in ends.items()})
+    text = captions.finding(table, STUDY)
+    assert "sensor noise contributes most" in text
+    assert (
+        "but removing initial pose scale lowers f most, by 7.00 nats in the median (cannot be told "
+        "from zero), removing sensor noise by 2.00"
+    ) in text
+
+
+def test_shares_of_wrong_basins_are_told_where_f_is_not_known():
+    table = without_value(fixed_of(THREE), fixed_of(THREE).index, "too few runs")
+    table = table.assign(wrong_basin_share=0.45, wrong_basin_initial_pose=0.225)
+    text = captions.finding(table, STUDY)
+    assert "no pair has a value. Share of runs that failed or ended in a wrong basin" in text
+    assert "45.00 % in the median with all causes on" in text
+    assert "22.50 % in the median" in effects.table_of_causes(table, STUDY, "pipe")
 
 
 def test_a_setting_without_a_basin_is_said_first(grid):

@@ -58,6 +58,8 @@ def test_only_the_papers_perturbation_and_divergence_are_compared():
     assert not comparison.is_comparable(shap_table(FIXED | {"sensor_noise": (0.1,)}), STUDY)
     assert not comparison.is_comparable(shap_table(FIXED), replace(STUDY, divergence="reverse_kl"))
     assert not comparison.is_comparable(shap_table(), STUDY)
+    scanners_own = replace(STUDY, variants={"sensor": "hokuyo_utm_30lx"})
+    assert not comparison.is_comparable(shap_table(FIXED), scanners_own)
 
 
 def test_comparison_figure_has_every_estimator_and_the_paper():
