@@ -99,7 +99,7 @@ def _marked(runs, method, length):
 def caption(scene, study, row):
     """What the picture shows; study: `study.Study`; row of a pairs table."""
     sentences = [
-        f"{study.pair(row)}. Scans at the true pose, seen from above: {_scans(scene, row)}"
+        f"{study.pair(row)}. Scans at the true pose, seen from above: {_scans(scene, study, row)}"
     ]
     if not scene.no_poses:
         sentences += [
@@ -112,7 +112,7 @@ def caption(scene, study, row):
 
 def page_caption(scene, study, row):
     """What the page shows; study: `study.Study`; row of a pairs table."""
-    sentences = [f"Scans at the true pose: {_scans(scene, row)}"]
+    sentences = [f"Scans at the true pose: {_scans(scene, study, row)}"]
     if not scene.no_poses:
         sentences += [
             _poses(scene, study, "ellipsoids"),
@@ -122,13 +122,15 @@ def page_caption(scene, study, row):
     return " ".join([*sentences, *_remarks(scene, row), usage])
 
 
-def _scans(scene, row):
+def _scans(scene, study, row):
     shown = f"reference, source where it overlaps (overlap ratio {row.overlap:.2f}) and elsewhere"
     removing = [f"{c.title} {words.level(c, scene.values[c.name])}" for c in scene.removing]
     if not removing:
         return f"{shown}."
     verb = "remove" if len(removing) > 1 else "removes"
-    return f"{shown}, and the points that {words.listed(removing)} {verb}."
+    again = any(c.drawn and not c.drawn_once for c in scene.removing) and study.noise_draws > 1
+    which = f" in the first of {study.noise_draws} noise draws" if again else ""
+    return f"{shown}, and the points that {words.listed(removing)} {verb}{which}."
 
 
 def _poses(scene, study, shapes):
