@@ -16,12 +16,12 @@ from snakemake.utils import update_config
 from benchmarks.faults.workplace import REPOSITORY
 from icpshap import config as configuration
 from icpshap.data.folder import find_folder_files
-from icpshap.jobs import digests, paths
+from icpshap.jobs import digests, paths, start
 from icpshap.jobs.paths import at
 from icpshap.jobs.plans import Plans
 
 PAPER = yaml.safe_load((REPOSITORY / "config.yaml").read_text(encoding="utf-8"))
-TABLES = ("pairs", "uncertainty", "shap", "resampled")
+TABLES = start.OF_EXPLANATION
 
 
 def script(name):

@@ -43,6 +43,7 @@ RULES = {
     "joined": "join_sequences",
 }
 TINY = ("estimators", "tiny")
+INSTANCE = {"sensor_noise": 0.05, "initial_pose": 1.5, "partial_overlap": 0.05}
 # Path of a key: another value, and the first steps that it decides.
 EDITS = {
     ("seed",): (7, {"simulated", "job", "explanation"}),
@@ -56,6 +57,7 @@ EDITS = {
     ("data", SEQUENCE, "title"): ("Another", set()),
     ("data", ROOM, "scans"): (3, set()),
     ("data", SEQUENCE, "drop_non_finite"): (True, {"scan"}),
+    ("data", SEQUENCE, "time"): ("stamp", {"scan"}),
     ("data", SEQUENCE, "folder", "path"): ("others", {"scan", "poses"}),
     ("data", SEQUENCE, "folder", "poses"): ("poses_2.txt", {"poses"}),
     ("data", ROOM, "simulated", "scene"): ("plain", {"simulated"}),
@@ -67,15 +69,12 @@ EDITS = {
         {"explanation"},
     ),
     ("experiments", EXPERIMENT, "instances"): (
-        {"fixed": {"sensor_noise": 0.07, "initial_pose": 1.5, "partial_overlap": 0.05}},
+        {"fixed": {**INSTANCE, "sensor_noise": 0.07}},
         {"pair", "job", "explanation"},
     ),
     ("experiments", EXPERIMENT, "replicates"): (2, {"job"}),
     ("experiments", EXPERIMENT, "figures"): (["interactions"], set()),
-    ("experiments", EXPERIMENT, "waterfall"): (
-        {"sensor_noise": 0.05, "initial_pose": 1.5, "partial_overlap": 0.05},
-        set(),
-    ),
+    ("experiments", EXPERIMENT, "waterfall"): (INSTANCE, set()),
     ("experiments", EXPERIMENT, "dependence"): ([["sensor_noise", "initial_pose"]], set()),
     ("experiments", EXPERIMENT, "scenes"): (
         [{"sequence": "own", "reference": 0, "source": 1}],
@@ -110,8 +109,12 @@ def edits():
     kinds = {name for kind in KINDS for name in presets.option_names(kind)}
     for name in sorted(kinds):
         steps = {"explanation"} if name in METHOD else {"job"}
-        if name == "minimum_range" or any(name in options.names(c) for c in CAUSES.values()):
-            steps = {"pair", "job", "explanation"} if name != "minimum_range" else {"pair", "job"}
+        if name == "minimum_range":
+            steps = {"pair", "job"}
+        for cause in CAUSES.values():
+            if name in options.names(cause):
+                named = cause.name in INSTANCE
+                steps = {"pair", "job", "explanation"} if named else set()
         found[(*TINY, name)] = (other_value(name), steps)
     return found
 

@@ -13,6 +13,7 @@ import numpy as np
 import yaml
 
 from benchmarks.faults.outcome import RIGHT, Outcome, is_traceback, said_of
+from icpshap.jobs.start import OF_EXPLANATION
 
 REPOSITORY = Path(__file__).parent.parent.parent
 TINY = REPOSITORY / "tests" / "tiny.yaml"
@@ -22,7 +23,7 @@ SECONDS = 600  # of a run of the workflow, on a busy machine
 TABLES = tuple(
     f"results/{experiment}/{table}.parquet"
     for experiment in ("tiny_fixed", "tiny_pose")
-    for table in ("pairs", "uncertainty", "shap", "resampled")
+    for table in OF_EXPLANATION
 )
 
 
