@@ -4,7 +4,7 @@ Outputs: results/{experiment}/{sequence}/{pairs,uncertainty,shap,directions,resa
 results/{experiment}/{pairs,uncertainty,shap,directions,resampled}.parquet
 """
 
-TABLES = ("pairs", "uncertainty", "shap", "directions", "resampled")
+TABLES = start.OF_EXPLANATION
 
 
 rule explain_sequence:
