@@ -29,6 +29,7 @@ from icpshap.explanation.uncertainty import (
     over_replicates,
     perturbed,
     resampled,
+    with_ends,
 )
 
 
@@ -144,6 +145,8 @@ def uncertainty_table(sample, reference, method):
     kl = estimate(sample, games, perturbed, plain, intervals=False)
     f = estimate(sample, games, perturbed, method)
     share, share_low, share_high = wrong_basin_shares(sample)
+    if method.reading.counts_failed:  # f is that share: one interval a number
+        f = with_ends(f, share_low[:, None], share_high[:, None])
     n_used = kept_runs(sample, games, method).sum(axis=1)
     null_mean, null_95 = null(n_used, sample, method)
     covariance = degeneracy(sample, games, method)
@@ -188,6 +191,15 @@ def shap_table(replicates, instances, rows, off, method):
     on = (instances[causes] != pd.Series(off)).to_numpy()
     found = explain_games(replicates, rows, method)
     shares = explain_shares(replicates, rows, on, method)
+    if method.reading.counts_failed:
+        of_shares = {"f": shares.share, "phi": shares.phi, "removal": shares.removal}
+        found = replace(
+            found,
+            **{
+                name: with_ends(getattr(found, name), part.low, part.high)
+                for name, part in of_shares.items()
+            },
+        )
     n_used = found.n_used.min(axis=0)
     f_again = np.mean([clean_again(sample, method) for sample in replicates])
     variants = {

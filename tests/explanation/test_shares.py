@@ -121,6 +121,26 @@ def test_as_f_they_share_out_what_they_are(divergence):
     assert row["n_used"] == (100 if divergence == "wrong_basin_share" else 99)
 
 
+@pytest.mark.parametrize("replicates", [1, 3])
+@pytest.mark.parametrize("number", [0, 20])
+def test_as_f_a_share_has_the_interval_that_it_has_beside_others(replicates, number):
+    runs = runs_table(replicates=replicates)
+    runs = shifted(runs, runs["initial_pose"] > 1, number)
+    explained = explain(runs, divergence="wrong_basin_share")
+    row = explained.shap.iloc[0]
+    names = {"f": "wrong_basin_share"}
+    names |= {f"phi_{name}": f"wrong_basin_{name}" for name in NAMES}
+    names |= {f"removal_{name}": f"wrong_basin_removal_{name}" for name in NAMES}
+    for as_f, beside in names.items():
+        for end in ("", "_low", "_high"):
+            assert row[as_f + end] == pytest.approx(row[beside + end], abs=1e-12)
+        assert row[f"{as_f}_low"] < row[f"{as_f}_high"]
+    assert row["phi_initial_pose_significant"] == (number > 0)
+    settings = explained.uncertainty
+    for end in ("", "_low", "_high"):
+        np.testing.assert_allclose(settings[f"f{end}"], settings[f"wrong_basin_share{end}"])
+
+
 @pytest.mark.parametrize("divergence", ["wrong_basin_share", "log_error"])
 def test_covariances_alone_have_neither(divergence):
     explained = explain(None, estimates_table(), COVARIANCES, divergence=divergence)
