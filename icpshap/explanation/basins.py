@@ -14,8 +14,10 @@ NEIGHBOUR = 5
 GAP_FACTOR = 2.5
 SMALLEST_GAP = 0.1  # of the translation limit; without it a tight cloud falls apart
 SPREAD_FLOOR = 0.01  # of that limit; own basins of few or equal runs have no covariance to invert
-# Twice the 99.999 % quantile of chi^2 with 6 degrees of freedom.
-LARGEST_SQUARED_DISTANCE = 66.21411363367854
+# The 99.999 % quantile of chi^2 with 6 degrees of freedom: so far reaches what a spread explains. A
+# basin that grew by runs further away would reach further by each, up to the next basin.
+EXPLAINED_SQUARED_DISTANCE = 33.10705681683927
+LARGEST_SQUARED_DISTANCE = 2 * EXPLAINED_SQUARED_DISTANCE
 ELEMENTS_AT_ONCE = 400_000  # distances, of which the processor's cache holds some copies
 
 
@@ -37,9 +39,11 @@ def find_basins(xi, length, translation, rotation):
     centre is the run whose median distance sqrt(L^2 |rotation|^2 + |translation|^2) to the others
     is least. The own basin holds the runs that single linkage joins to it below the gap: 2.5 times
     the median distance to the fifth neighbour among the half of the runs that is nearest the
-    centre, and a tenth of the translation limit at least. A run is in a wrong basin if it lies
-    beyond a limit from the centre, is not in the own basin, and its squared Mahalanobis distance to
-    that basin exceeds twice the 99.999 % quantile of chi^2 with 6 degrees of freedom.
+    centre, and a tenth of the translation limit at least. It grows by what its own spread
+    explains, until nothing is added, so that a long cloud does not break at a chance gap: by runs
+    whose squared Mahalanobis distance to it is at most the 99.999 % quantile of chi^2 with 6
+    degrees of freedom. A run is in a wrong basin if it lies beyond a limit from the centre, is not
+    in the own basin, and its squared Mahalanobis distance to that basin exceeds twice the quantile.
     """
     xi = np.asarray(xi, dtype=float)
     flat = xi.reshape(-1, *xi.shape[-2:])
@@ -68,17 +72,17 @@ def _basins(xi, length, translation, rotation):
     gap = np.maximum(
         GAP_FACTOR * _typical_neighbour(nearest_first, from_centre), SMALLEST_GAP * translation
     )
-    own = _joined(distance < gap[:, None, None], centre)
+    floor = SPREAD_FLOOR * translation
+    own = _grown(points, _joined(distance < gap[:, None, None], centre), floor)
     away = xi - xi[settings, centre][:, None]
     far = np.linalg.norm(away[..., :3], axis=-1) > rotation
     far |= np.linalg.norm(away[..., 3:], axis=-1) > translation
     wrong = far & ~own
     doubtful = np.flatnonzero(wrong.any(axis=-1))
     wrong[doubtful] &= (
-        _squared_mahalanobis(points[doubtful], own[doubtful], SPREAD_FLOOR * translation)
-        > LARGEST_SQUARED_DISTANCE
+        _squared_mahalanobis(points[doubtful], own[doubtful], floor) > LARGEST_SQUARED_DISTANCE
     )
-    return wrong, 2 * own.sum(axis=-1) < xi.shape[-2]
+    return Basins(wrong, 2 * own.sum(axis=-1) < xi.shape[-2])
 
 
 def _distances(points):
@@ -125,6 +129,19 @@ def _joined(linked, centre):
         joined[active] = reached
         active = active[grown]
     return joined
+
+
+def _grown(points, own, floor):
+    """The own basins (s, n) with all runs that their spread explains; points (s, n, 6)."""
+    own = own.copy()
+    active = np.flatnonzero(~own.all(axis=-1))
+    while len(active):
+        inside = own[active]
+        square = _squared_mahalanobis(points[active], inside, floor)
+        grown = inside | (square <= EXPLAINED_SQUARED_DISTANCE)
+        own[active] = grown
+        active = active[(grown & ~inside).any(axis=-1) & ~grown.all(axis=-1)]
+    return own
 
 
 def _squared_mahalanobis(points, own, floor):

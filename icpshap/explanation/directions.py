@@ -12,6 +12,7 @@ import pandas as pd
 
 from icpshap.explanation import shapley
 from icpshap.explanation.patterns import alike
+from icpshap.explanation.ranking import quantiles
 from icpshap.explanation.uncertainty import (
     Estimate,
     columns_of,
@@ -177,17 +178,7 @@ def _quantiles(name, replicates, rows):
         found = []
         for sample, games in zip(replicates, rows, strict=True):
             error = np.sqrt(sample.numbers(ERRORS[name]))
-            found.append(_quantile(error, QUANTILE)[games[:, [0, -1]]])
+            of_settings = quantiles(error[..., None], np.isfinite(error), [QUANTILE])[0, :, 0]
+            found.append(of_settings[games[:, [0, -1]]])
         columns = dict(zip(columns, np.mean(found, axis=0).T, strict=True))
     return columns
-
-
-def _quantile(values, probability):
-    """Linear quantile (s,) of the values (s, n) that are no NaN."""
-    ordered = np.sort(values, axis=1)
-    count = np.isfinite(values).sum(axis=1)
-    position = probability * np.maximum(count - 1, 0)
-    low = np.floor(position).astype(int)
-    high = np.minimum(low + 1, np.maximum(count - 1, 0))
-    ends = [np.take_along_axis(ordered, end[:, None], axis=1)[:, 0] for end in (low, high)]
-    return ends[0] + (position - low) * (ends[1] - ends[0])

@@ -29,6 +29,7 @@ from icpshap.explanation.uncertainty import (
     over_replicates,
     perturbed,
     resampled,
+    with_ends,
 )
 
 
@@ -144,6 +145,8 @@ def uncertainty_table(sample, reference, method):
     kl = estimate(sample, games, perturbed, plain, intervals=False)
     f = estimate(sample, games, perturbed, method)
     share, share_low, share_high = wrong_basin_shares(sample)
+    if method.reading.counts_failed:  # f is that share: one interval a number
+        f = with_ends(f, share_low[:, None], share_high[:, None])
     n_used = kept_runs(sample, games, method).sum(axis=1)
     null_mean, null_95 = null(n_used, sample, method)
     covariance = degeneracy(sample, games, method)
@@ -187,6 +190,16 @@ def shap_table(replicates, instances, rows, off, method):
     causes = list(replicates[0].causes)
     on = (instances[causes] != pd.Series(off)).to_numpy()
     found = explain_games(replicates, rows, method)
+    shares = explain_shares(replicates, rows, on, method)
+    if method.reading.counts_failed:
+        of_shares = {"f": shares.share, "phi": shares.phi, "removal": shares.removal}
+        found = replace(
+            found,
+            **{
+                name: with_ends(getattr(found, name), part.low, part.high)
+                for name, part in of_shares.items()
+            },
+        )
     n_used = found.n_used.min(axis=0)
     f_again = np.mean([clean_again(sample, method) for sample in replicates])
     variants = {
@@ -206,7 +219,7 @@ def shap_table(replicates, instances, rows, off, method):
             [f"interaction_{a}_{b}" for a, b in shapley.couples(causes)], found.interactions
         ),
         **columns_of([f"removal_{cause}" for cause in causes], found.removal),
-        **_share_columns(causes, replicates, rows, on, method),
+        **_share_columns(causes, replicates, rows, shares),
         **shrinking_columns(replicates, rows, method),
         "regression_difference": _regression_difference(found),
         "f_again": f_again,
@@ -224,27 +237,14 @@ def shap_table(replicates, instances, rows, off, method):
     return pd.concat([explained, pd.DataFrame(columns, index=explained.index)], axis=1)
 
 
-def _share_columns(causes, replicates, rows, on, method):
+def _share_columns(causes, replicates, rows, shares):
     """W of the clean setting and the instance, and what each cause contributes to it."""
-    found = [
-        explain_shares(sample, row, on, method)
-        for sample, row in zip(replicates, rows, strict=True)
-    ]
-    phi, removal = (over_replicates(list(parts)) for parts in zip(*found, strict=True))
-    of_settings = [
-        wrong_basin_shares(sample)[:, row] for sample, row in zip(replicates, rows, strict=True)
-    ]
-    clean, low, high = np.mean([share[..., 0] for share in of_settings], axis=0)
-    columns = {"clean_wrong_basin_share": clean}
-    columns |= {"clean_wrong_basin_share_low": low, "clean_wrong_basin_share_high": high}
-    share, low, high = np.mean([share[..., -1] for share in of_settings], axis=0)
-    columns |= {"wrong_basin_share": share}
-    columns |= {"wrong_basin_share_low": low, "wrong_basin_share_high": high}
     lacking = [sample.no_basin[row] for sample, row in zip(replicates, rows, strict=True)]
     return {
-        **columns,
-        **columns_of([f"wrong_basin_{cause}" for cause in causes], phi),
-        **columns_of([f"wrong_basin_removal_{cause}" for cause in causes], removal),
+        **columns_of(["clean_wrong_basin_share"], shares.clean),
+        **columns_of(["wrong_basin_share"], shares.share),
+        **columns_of([f"wrong_basin_{cause}" for cause in causes], shares.phi),
+        **columns_of([f"wrong_basin_removal_{cause}" for cause in causes], shares.removal),
         "no_basin": np.any(lacking, axis=(0, 2)),
     }
 

@@ -5,6 +5,7 @@ even where nothing was seen.
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import norm
@@ -12,10 +13,20 @@ from scipy.stats import t as student
 
 from icpshap.explanation import shapley
 from icpshap.explanation.intervals import CONFIDENCE
-from icpshap.explanation.uncertainty import Estimate, estimate
+from icpshap.explanation.uncertainty import Estimate, estimate, over_replicates
 
 UNSEEN = 3.0  # runs: what never was seen in n runs has a share of at most 3/n, with 95 % confidence
 ROUND_OFF = 1e-12
+
+
+class Shares(NamedTuple):
+    """W of i games of M causes, an `Estimate` each: of the clean setting and of that with all on
+    (i, 1), its Shapley values and removal effects (i, M)."""
+
+    clean: Estimate
+    share: Estimate
+    phi: Estimate
+    removal: Estimate
 
 
 def wrong_basin_shares(sample):
@@ -29,17 +40,13 @@ def wrong_basin_shares(sample):
         return np.full((3, settings), np.nan)
     lost = sample.lost.astype(float)
     share = lost @ sample.weight / sample.weight.sum()
-    size, quantile = np.full(settings, float(number)), norm.ppf((1 + CONFIDENCE) / 2)
     draws = np.unique(sample.noise_draw)
     if len(draws) > 1:
         of_draw = (sample.noise_draw[:, None] == draws) * sample.weight[:, None]
         by_draw = lost @ (of_draw / of_draw.sum(axis=0))
-        variance = by_draw.var(axis=1, ddof=1) / len(draws)
-        binomial = share * (1 - share)
-        alike = np.divide(binomial, variance, out=np.full(settings, np.inf), where=variance > 0)
-        size = np.minimum(alike, number)
-        quantile = student.ppf((1 + CONFIDENCE) / 2, len(draws) - 1)
-    found = np.array([share, *wilson(share, size, quantile)])
+        found = np.array([share, *_over_units(share, by_draw, number)])
+    else:
+        found = np.array([share, *wilson(share, number, norm.ppf((1 + CONFIDENCE) / 2))])
     found[:, sample.no_basin] = np.nan
     if not sample.units:
         found[1:] = np.nan
@@ -57,19 +64,52 @@ def wilson(share, number, quantile):
     return low, np.where(share >= 1, 1.0, np.minimum(middle + half, 1.0))
 
 
-def explain_shares(sample, games, on, method):
-    """Shapley values of W and its removal effects: two `Estimate`s (i, M) of games, rows (i, 2^M).
+def _over_units(share, of_units, number):
+    """Interval of a share (...) of `number` runs that are independent in whole units (..., u) only.
 
-    on (i, M): which causes differ from their reference value. Joint jackknife over all runs; where
-    no mark varies, 3/n to either side for a cause that is on.
+    Wilson's, for as many independent runs as would vary as much as the units do.
+    """
+    units = of_units.shape[-1]
+    variance = of_units.var(axis=-1, ddof=1) / units
+    binomial = share * (1 - share)
+    size = np.divide(binomial, variance, out=np.full_like(share, np.inf), where=variance > 0)
+    return wilson(share, np.minimum(size, number), student.ppf((1 + CONFIDENCE) / 2, units - 1))
+
+
+def explain_shares(replicates, rows, on, method):
+    """`Shares` of games, rows (i, 2^M) of each replicate; on (i, M): which causes are on.
+
+    Of the parts: the joint jackknife over all runs, or the spread of the replicates; where neither
+    varies, 3/n to either side for a cause that is on, n the runs of a setting in all replicates.
     """
     by_share = replace(
         method, divergence="wrong_basin_share", bias_correction="none", interval="jackknife"
     )
     players = on.shape[1]
-    found = estimate(sample, games, _phi_and_removal, by_share)
+    number = max(1, sum(sample.lost.shape[1] for sample in replicates))
+    found = over_replicates(
+        [
+            estimate(sample, games, _phi_and_removal, by_share)
+            for sample, games in zip(replicates, rows, strict=True)
+        ]
+    )
     parts = found.part(slice(players)), found.part(slice(players, None))
-    return [_widened(part, on, UNSEEN / max(1, sample.lost.shape[1])) for part in parts]
+    phi, removal = (_widened(part, on, UNSEEN / number) for part in parts)
+    clean, share = (_of_settings(replicates, [games[:, k] for games in rows]) for k in (0, -1))
+    return Shares(clean, share, phi, removal)
+
+
+def _of_settings(replicates, rows):
+    """W of settings, rows (i,) of each replicate: an `Estimate` (i, 1), over all replicates."""
+    found = np.array(
+        [wrong_basin_shares(sample)[:, row] for sample, row in zip(replicates, rows, strict=True)]
+    )
+    value, low, high = found.mean(axis=0)
+    if len(replicates) > 1:
+        number = sum(sample.lost.shape[1] for sample in replicates)
+        low, high = _over_units(value, found[:, 0].T, number)
+    ends = (column[:, None] for column in (value, low, high))
+    return Estimate(*ends, np.full((len(value), 1), np.nan))
 
 
 def _phi_and_removal(game):

@@ -36,6 +36,12 @@ class Estimate:
         )
 
 
+def with_ends(estimate, low, high):
+    """The same `Estimate` with other ends (i, q) of its interval, where it has a value."""
+    ends = (np.where(np.isnan(estimate.value), np.nan, end) for end in (low, high))
+    return Estimate(estimate.value, *ends, estimate.draw_variance_ratio)
+
+
 def columns_of(names, estimate):
     """Columns of a table for the quantities of an `Estimate`, by their names."""
     columns = {}

@@ -7,7 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from icpshap.explanation.directions import VECTOR
 from icpshap.report import words
+from icpshap.report.study import PAIR, pairs_of
 
 ORDER = (
     "translation_x",
@@ -31,7 +33,8 @@ NAMES = {
 class Part(NamedTuple):
     """What a cause adds [cm^2 or deg^2], its share of the growth, what remains without it.
 
-    unsure: whether most intervals contain 0.
+    Of the instances in which it is on. remaining_ends: interval of the standard deviation that
+    remains; intervals are text, "" but of one instance. unsure: whether most intervals contain 0.
     """
 
     cause: type
@@ -39,16 +42,25 @@ class Part(NamedTuple):
     share: float
     interval: str
     remaining: float
+    remaining_ends: str
     unsure: bool
 
 
 class Row(NamedTuple):
-    """A direction: its words, the unit whose square its numbers have, and medians of instances."""
+    """A direction: its words, the unit whose square its numbers have, and medians of instances.
 
+    clean_ends, value_ends: intervals of the standard deviations, as text; vector (6,): of the
+    direction, rotation first in units of 1/L, NaN where it is none or differs between instances.
+    """
+
+    name: str
     words: str
     unit: str
     clean: float
+    clean_ends: str
     value: float
+    value_ends: str
+    vector: np.ndarray
     parts: list
     in_per_cent: bool
     clean_quantile: float
@@ -76,24 +88,40 @@ def _row(name, found, shown):
     unit, factor = ("°", np.rad2deg(1.0)) if turns else ("cm", 100.0)
     parts = []
     for cause in shown:
-        phi, low, high = (found[f"phi_{cause.name}{end}"] for end in ("", "_low", "_high"))
+        on = found[found[cause.name] != cause.off]
+        on = on if len(on) else found  # nowhere on: its part is 0
+        phi, low, high = (on[f"phi_{cause.name}{end}"] for end in ("", "_low", "_high"))
         interval = ""
-        if len(found) == 1 and low.notna().all():
+        if len(on) == 1 and low.notna().all():
             ends = (words.significant(factor**2 * end.iloc[0]) for end in (low, high))
             interval = f" [{', '.join(ends)}]"
-        remaining = factor**2 * found[f"remaining_{cause.name}"].median()
+        remaining = f"remaining_{cause.name}"
         unsure = bool(((low <= 0) & (high >= 0)).mean() > 0.5)
-        value, share = factor**2 * phi.median(), (phi / found.growth).median()
-        parts.append(Part(cause, value, share, interval, remaining, unsure))
+        parts.append(
+            Part(
+                cause,
+                factor**2 * phi.median(),
+                (phi / on.growth).median(),
+                interval,
+                factor**2 * on[remaining].median(),
+                _ends(on, remaining, factor),
+                unsure,
+            )
+        )
     told = found.words.unique()
     text = NAMES.get(name) or (told[0] if len(told) == 1 else "")
     if name == "weakest":
         text = f"weakest ({text})" if text else "weakest"
+    vectors = found[VECTOR].to_numpy()
     return Row(
+        name,
         text,
         unit,
         factor**2 * found.clean.median(),
+        _ends(found, "clean", factor),
         factor**2 * found.value.median(),
+        _ends(found, "value", factor),
+        vectors[0] if (vectors == vectors[0]).all() else np.full(len(VECTOR), np.nan),
         parts,
         bool(found.in_per_cent.all()),
         factor * found.clean_quantile_95.median(),
@@ -101,27 +129,44 @@ def _row(name, found, shown):
     )
 
 
+def _ends(rows, name, factor):
+    """The interval of the square root of a variance of one instance, as text; else ""."""
+    low, high = rows[f"{name}_low"], rows[f"{name}_high"]
+    if len(rows) != 1 or low.isna().any() or high.isna().any():
+        return ""
+    return f" [{', '.join(deviation(factor**2 * end.iloc[0]) for end in (low, high))}]"
+
+
 def deviation(variance):
     """Standard deviation of a variance as text; an estimate of a variance may be below 0."""
     return words.significant(np.sqrt(max(variance, 0.0)))
 
 
+def opening(table, study):
+    """Which pairs and instances the numbers are of, the beginning of sentences; "" without any."""
+    table = chosen(table, study)
+    table, shown = table[table.value.notna()], study.shown(table)
+    if not len(table):
+        return ""
+    pairs = pairs_of(table)
+    number = len(table.drop_duplicates([*PAIR, "instance"]))
+    if len(pairs) == 1:
+        of = study.pair(next(pairs.itertuples()))
+    else:
+        of = f"{len(pairs)} pairs of {', '.join(map(study.title, pairs.sequence.unique()))}"
+    if number == 1:
+        return f"{of}, at {words.describe_values(table.iloc[0], shown)}:"
+    return f"Medians over {number:,} instances of {of}, of a cause over those in which it is on:"
+
+
 def sentences(table, study):
     """What makes the weakest direction uncertain, and what the error grows by."""
-    found = {
-        name: row for name, row in zip(_names(table, study), summary(table, study), strict=True)
-    }
+    found = {row.name: row for row in summary(table, study)}
     told = []
     if "weakest" in found:
         told.append(_weakest(found["weakest"]))
     told += [_growth(found[name], kind) for name, kind in _errors(found)]
     return [text for text in told if text]
-
-
-def _names(table, study):
-    table = chosen(table, study)
-    valued = set(table.direction[table.value.notna()])
-    return [name for name in ORDER if name in valued]
 
 
 def _errors(found):
@@ -135,13 +180,23 @@ def _weakest(row):
         f"{part.cause.title} {words.significant(part.value)}{part.interval}" for part in ranked
     )
     remains = ", ".join(
-        f"{deviation(part.remaining)} without {part.cause.title}" for part in ranked
+        f"{deviation(part.remaining)}{part.remaining_ends} without {part.cause.title}"
+        for part in ranked
     )
+    if np.isnan(row.vector).any():
+        vector = "Each instance has a weakest direction of its own."
+    else:
+        entries = [f"{entry:.2f}" for entry in row.vector]
+        vector = (
+            f"Its unit vector is ({', '.join(entries[:3])}) about and ({', '.join(entries[3:])}) "
+            "along x, y and z."
+        )
     along = row.words.removeprefix("weakest").strip()
     return (
         f"Along the weakest direction{f' {along}' if along else ''} the standard deviation goes "
-        f"from {deviation(row.clean)} to {deviation(row.value)} {row.unit}; parts of the variance "
-        f"[{row.unit}²]: {parts}; it would be, in {row.unit}, {remains}."
+        f"from {deviation(row.clean)}{row.clean_ends} to {deviation(row.value)}{row.value_ends} "
+        f"{row.unit}; parts of the variance [{row.unit}²]: {parts}; it would be, in {row.unit}, "
+        f"{remains}. {vector}"
     )
 
 
@@ -151,8 +206,9 @@ def _growth(row, kind):
         ends = (words.significant(end) for end in (row.clean_quantile, row.quantile))
         quantiles = f" (95 % quantile {' to '.join(ends)})"
     text = (
-        f"The {kind} error (RMSE, wrong basins included) goes from {deviation(row.clean)} to "
-        f"{deviation(row.value)} {row.unit}{quantiles}; what the squared error grows by"
+        f"The {kind} error (RMSE, wrong basins included) goes from {deviation(row.clean)}"
+        f"{row.clean_ends} to {deviation(row.value)}{row.value_ends} {row.unit}{quantiles}; what "
+        "the squared error grows by"
     )
     if row.in_per_cent:
         parts = (f"{p.cause.title} {100 * p.share:.0f} %" for p in row.parts)

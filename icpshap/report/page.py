@@ -92,6 +92,7 @@ def _described(section, folder):
         "causes": Markup(effects.table_of_causes(section.shap, study)),
         "causes_note": effects.note_of_causes(section.shap, study),
         "directions": directions.sentences(section.directions, study),
+        "directions_of": directions.opening(section.directions, study),
         "table": Markup(tables.html(section.ranking, study)) if ranked else "",
         "table_note": tables.note(section.ranking, study) if ranked else "",
         "figures": [_figure(path, anchor, folder, said) for path in section.figures],

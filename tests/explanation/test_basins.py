@@ -34,6 +34,25 @@ def test_wide_clouds_are_one_basin(shape):
     assert not found.lacking.any()
 
 
+def test_a_long_corridor_does_not_break_at_a_chance_gap():
+    # Among the seeds those in which gaps alone break the corridor.
+    for length, seeds in ((0.4, [127, 414, 417, 1544, 1674]), (1.0, range(300))):
+        deviation = np.array([*CORRIDOR[:3], length, *CORRIDOR[4:]])
+        found = find([np.random.default_rng(s).normal(size=(100, 6)) * deviation for s in seeds])
+        assert found.wrong.sum(axis=1).max() <= 3
+        assert not found.lacking.any()
+
+
+@pytest.mark.parametrize("number", [30, 45, 49])
+def test_a_basin_does_not_grow_into_the_next(number):
+    # At 12 standard deviations: close enough for a few runs between them to lead from one to other.
+    xi = np.array([cloud(seed, 0.05) for seed in range(200)])
+    xi[:, :number] += [0.0, 0.0, 0.1, 0.5, 0.0, 0.0]
+    found = find(xi)
+    assert found.wrong[:, :number].sum(axis=1).min() >= number - 1
+    assert not found.wrong[:, number:].any() and not found.lacking.any()
+
+
 @pytest.mark.parametrize("number", [1, 2, 5, 20, 45])
 def test_runs_that_are_far_are_found_and_no_others(number):
     far = np.arange(100) % 100 < number

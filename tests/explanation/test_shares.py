@@ -62,6 +62,28 @@ def test_where_no_mark_varies_the_interval_is_three_runs_wide():
     assert (interval == 0).all(axis=None)
 
 
+def test_with_replicates_too_no_interval_is_a_point():
+    row = explain(runs_table(replicates=3)).shap.iloc[0]
+    for name in NAMES:
+        for part in ("wrong_basin", "wrong_basin_removal"):
+            ends = [row[f"{part}_{name}{end}"] for end in ("_low", "", "_high")]
+            assert ends == pytest.approx([-0.01, 0.0, 0.01])
+    assert row["wrong_basin_share_low"] == 0
+    # Wilson's interval of 300 runs, with Student's t of three replicates.
+    assert row["wrong_basin_share_high"] == pytest.approx(0.0581, abs=1e-4)
+
+
+def test_replicates_that_differ_widen_the_interval():
+    runs = runs_table(replicates=3)
+    alike = shifted(runs, runs["initial_pose"] > 1, 15)
+    apart = shifted(runs, (runs["initial_pose"] > 1) & (runs["replicate"] == 0), 45)
+    found = [explain(table).shap.iloc[0] for table in (alike, apart)]
+    for row in found:
+        assert row["wrong_basin_share"] == pytest.approx(0.15)
+    width = [row["wrong_basin_share_high"] - row["wrong_basin_share_low"] for row in found]
+    assert width[1] > 2 * width[0]
+
+
 def test_draws_that_differ_widen_the_interval():
     runs = runs_table(noise_draws=10)
     alike = shifted(runs, runs["run"] % 10 == 0, 100)
@@ -97,6 +119,26 @@ def test_as_f_they_share_out_what_they_are(divergence):
     assert row["f_low"] <= row["f"] <= row["f_high"]
     assert phi.idxmax() == "phi_initial_pose" if divergence == "wrong_basin_share" else True
     assert row["n_used"] == (100 if divergence == "wrong_basin_share" else 99)
+
+
+@pytest.mark.parametrize("replicates", [1, 3])
+@pytest.mark.parametrize("number", [0, 20])
+def test_as_f_a_share_has_the_interval_that_it_has_beside_others(replicates, number):
+    runs = runs_table(replicates=replicates)
+    runs = shifted(runs, runs["initial_pose"] > 1, number)
+    explained = explain(runs, divergence="wrong_basin_share")
+    row = explained.shap.iloc[0]
+    names = {"f": "wrong_basin_share"}
+    names |= {f"phi_{name}": f"wrong_basin_{name}" for name in NAMES}
+    names |= {f"removal_{name}": f"wrong_basin_removal_{name}" for name in NAMES}
+    for as_f, beside in names.items():
+        for end in ("", "_low", "_high"):
+            assert row[as_f + end] == pytest.approx(row[beside + end], abs=1e-12)
+        assert row[f"{as_f}_low"] < row[f"{as_f}_high"]
+    assert row["phi_initial_pose_significant"] == (number > 0)
+    settings = explained.uncertainty
+    for end in ("", "_low", "_high"):
+        np.testing.assert_allclose(settings[f"f{end}"], settings[f"wrong_basin_share{end}"])
 
 
 @pytest.mark.parametrize("divergence", ["wrong_basin_share", "log_error"])

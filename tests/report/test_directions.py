@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 import pytest
 from known_results import STUDY, directions_table, fixed_of
 
@@ -53,6 +54,10 @@ def test_picture_has_a_row_a_direction_and_a_cell_a_cause(table):
     (axes,) = figure.axes
     assert len(axes.get_yticks()) == 11
     assert len(axes.patches) == 11 * 5  # clean, three causes, in all
+    told = [text.get_text() for text in axes.texts]
+    assert sum(text.endswith(" without") for text in told) == 11 * 3
+    remains = directions.deviation(directions.summary(table, ONE)[0].parts[0].remaining)
+    assert f"{remains} cm without" in told
     assert "Variance along the axes of the reference" in caption
     plt.close(figure)
 
@@ -66,3 +71,32 @@ def test_covariances_alone_have_no_error(table):
     assert directions.sentences(nothing, ONE) == []
     figure, _ = figures.draw_directions(nothing, fixed_of(STUDY.causes), ONE)
     plt.close(figure)
+
+
+def test_sentences_of_one_instance_have_intervals_and_the_vector(table):
+    text, error, _ = directions.sentences(table.assign(in_per_cent=False), ONE)
+    row = table[table.direction == "weakest"].iloc[0]
+    ends = [directions.deviation(1e4 * row[f"value{end}"]) for end in ("_low", "_high")]
+    assert f"{directions.deviation(1e4 * row.value)} [{', '.join(ends)}] cm; parts" in text
+    ends = [
+        directions.deviation(1e4 * row[f"remaining_sensor_noise{end}"]) for end in ("_low", "_high")
+    ]
+    assert f"[{', '.join(ends)}] without sensor noise" in text
+    entries = [f"{row[f'vector_{k}']:.2f}" for k in range(6)]
+    assert f"Its unit vector is ({', '.join(entries[:3])}) about" in text
+    assert error.count("[") == 6  # before, after, the unit and three parts
+
+
+def test_it_is_said_of_what_the_numbers_are(table):
+    assert directions.opening(table, ONE).endswith("at σ = 0.05 m, s = 1.5, λ = 0.05:")
+    off = table.assign(instance=1, sensor_noise=0.0)
+    for column in [c for c in table if c.startswith("phi_sensor_noise")]:
+        off[column] = 0.0
+    several = pd.concat([table, off, off.assign(instance=2)])
+    assert directions.opening(several, ONE).startswith("Medians over 3 instances of ")
+    assert directions.opening(several.assign(value=np.nan), ONE) == ""
+    alone, among = (directions.summary(given, ONE) for given in (table, several))
+    for one, row in zip(alone, among, strict=True):
+        # An instance in which a cause is off says nothing of it.
+        assert row.parts[0].value == pytest.approx(one.parts[0].value)
+        assert row.parts[0].unsure == one.parts[0].unsure

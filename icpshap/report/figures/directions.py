@@ -14,13 +14,14 @@ from icpshap.report.figures.style import AROUND_ROWS, INK, PAGE, say_nothing
 
 COLOURS = matplotlib.colormaps["RdBu_r"]
 PALEST = 0.85  # of the colour scale's range, so that numbers stay readable
-ROW = 0.27  # inch
+ROW = 0.34  # inch
 
 
 def picture(table, study):
     """Variances of the directions, and what each cause adds; a directions table of one scope.
 
-    Of several instances the medians. A cell is coloured by its part of all parts of its row.
+    Of several instances the medians. A cell is coloured by its part of all parts of its row; below
+    the part stands the standard deviation that remains without the cause.
     """
     shown, rows = study.shown(table), directions.summary(table, study)
     figure = plt.figure(figsize=(PAGE, AROUND_ROWS + 0.2 + ROW * max(1, len(rows))))
@@ -57,7 +58,8 @@ def _draw(axes, y, row, shown):
     total = sum(abs(part.value) for part in row.parts) or 1.0
     for x, part in enumerate(row.parts, start=1):
         colour = COLOURS(0.5 + 0.5 * PALEST * part.value / total)
-        _cell(axes, x, y, colour, part.value)
+        remains = f"{directions.deviation(part.remaining)} {row.unit} without"
+        _cell(axes, x, y, colour, part.value, remains)
         if part.unsure:
             axes.plot(x + 0.92, y + 0.22, color=readable(colour), **RING)
     _cell(axes, len(shown) + 1, y, PLAIN, row.value)
@@ -66,8 +68,12 @@ def _draw(axes, y, row, shown):
     axes.text(len(shown) + 2.5, y + 0.5, text, ha="center", va="center", fontsize=6)
 
 
-def _cell(axes, x, y, colour, value):
+def _cell(axes, x, y, colour, value, below=""):
+    """A number on its colour, and in small what stands below it."""
     corner = x + 0.03, y + 0.04
     axes.add_patch(Rectangle(corner, 0.94, 0.92, facecolor=colour, edgecolor="none"))
     text = words.significant(value).replace("-", "−")
-    axes.text(x + 0.5, y + 0.5, text, ha="center", va="center", color=readable(colour), fontsize=6)
+    place = {"ha": "center", "va": "center", "color": readable(colour)}
+    axes.text(x + 0.5, y + (0.34 if below else 0.5), text, fontsize=6, **place)
+    if below:
+        axes.text(x + 0.5, y + 0.72, below, fontsize=4.5, **place)
