@@ -15,6 +15,7 @@ from icpshap.report.figures.style import AROUND_ROWS, INK, PAGE, say_nothing
 COLOURS = matplotlib.colormaps["RdBu_r"]
 PALEST = 0.85  # of the colour scale's range, so that numbers stay readable
 ROW = 0.34  # inch
+MANY = 5  # causes, from which their titles have less room
 
 
 def picture(table, study):
@@ -34,14 +35,14 @@ def picture(table, study):
         _draw(axes, y, row, shown)
     columns = [
         "clean",
-        *(fill(cause.title, 14) for cause in shown),
+        *(fill(cause.title, 14 if len(shown) < MANY else 11) for cause in shown),
         "in all",
         "standard\ndeviation",
     ]
-    axes.set_xticks(np.arange(len(columns)) + 0.5, columns)
+    axes.set_xticks(np.append(np.arange(len(columns) - 1) + 0.5, len(columns) - 0.4), columns)
     axes.xaxis.tick_top()
     axes.set_yticks(np.arange(len(rows)) + 0.5, [f"{fill(r.words, 26)} [{r.unit}²]" for r in rows])
-    axes.set_xlim(0, len(columns))
+    axes.set_xlim(0, len(columns) + 0.2)
     axes.set_ylim(len(rows), 0)
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)
@@ -65,7 +66,7 @@ def _draw(axes, y, row, shown):
     _cell(axes, len(shown) + 1, y, PLAIN, row.value)
     before, after = directions.deviation(row.clean), directions.deviation(row.value)
     text = f"{before} → {after} {row.unit}"
-    axes.text(len(shown) + 2.5, y + 0.5, text, ha="center", va="center", fontsize=6)
+    axes.text(len(shown) + 2.6, y + 0.5, text, ha="center", va="center", fontsize=6)
 
 
 def _cell(axes, x, y, colour, value, below=""):
