@@ -316,7 +316,8 @@ def of_directions(table, shap, study):
         "along the weakest direction, and the mean squared error: clean, what each cause adds "
         f"(Shapley values), and with all causes on, {_which_pairs(shown, study)} "
         f"{_which_instances(shown, study)}{', medians' * (len(shown) > 1)}. Numbers are squares of "
-        "the unit that a row names; the last column is the standard deviation or RMSE. Along the "
+        "the unit that a row names; in small, the standard deviation or RMSE that remains without "
+        "a cause; the last column is that of the clean setting and with all causes on. Along the "
         "weakest direction a rotation counts as what it moves at the pair's characteristic length."
     )
     told = directions.sentences(table, study)
