@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 from icpshap.errors import UserError
 
 ABOUT, DIGEST, ABOUT_DIGEST = b"icpshap", b"digest", b"icpshap_digest"
+ARROW = b"ARROW:schema"  # under which Arrow keeps a copy of all this
 
 
 class StorageError(UserError):
@@ -74,7 +75,7 @@ def read_about(path):
     written.
     """
     try:
-        metadata = pq.read_schema(path).metadata or {}
+        metadata = pq.read_metadata(path).metadata or {}
     except (OSError, ValueError, pa.ArrowException) as error:
         raise _damaged(path, str(error).splitlines()[0] if str(error) else "unreadable") from None
     return _checked_about(path, metadata)
@@ -102,7 +103,7 @@ def _checked_about(path, metadata):
     told = metadata[ABOUT]
     # Files of earlier versions have no such digest; their whole one is checked when they are read.
     same = metadata.get(ABOUT_DIGEST, _digest_of(told)) == _digest_of(told)
-    if not same or set(metadata) - {ABOUT, ABOUT_DIGEST, DIGEST}:
+    if not same or set(metadata) - {ABOUT, ABOUT_DIGEST, DIGEST, ARROW}:
         raise _damaged(path, "its metadata do not have the digest that was written with it")
     try:
         return json.loads(told)

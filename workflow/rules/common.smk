@@ -300,7 +300,7 @@ def memory_of_scans(base, per_million):
     """
 
     def mem_mb(wildcards, input):
-        scans = [path for path in input if re.search(r"/scan_\d+\.parquet$", path)]
+        scans = [path for path in input if re.search(r"scan_\d+[.]parquet$", path)]
         points = max(storage.number_of_rows(path) for path in scans)
         return base + round(per_million * points / 1e6)
 
