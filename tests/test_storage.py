@@ -65,6 +65,17 @@ def test_one_flipped_bit_is_never_read_in_silence(path, seed):
             assert table.equals(expected[0], check_metadata=True) and about == expected[1]
 
 
+@pytest.mark.parametrize("length", [0, 1, 100, 127, 128, 20_000, 100_000])
+def test_what_decided_a_file_is_found_in_its_end(tmp_path, length, monkeypatch):
+    about = {"plan": "x" * length}
+    path = tmp_path / "a.parquet"
+    storage.write(path, pa.table({"x": [1.0]}), about)
+    assert storage.read_about(path) == about
+    if length < 40_000:  # of a longer one Arrow has to be asked
+        monkeypatch.setattr(storage.pq, "read_metadata", None)
+        assert storage.read_about(path) == about
+
+
 def test_a_flipped_bit_of_what_decided_a_file_is_never_read_in_silence(path):
     """Who only asks for it reads nothing else. It is stored twice, in the clear and in base 64."""
     whole = path.read_bytes()

@@ -59,7 +59,8 @@ def look(planner, experiments, sequences, puts_aside=True):
     """
     stale = []
     for path, table, plan in planned_files(planner, experiments, sequences):
-        if difference := _difference(path, table, plan) or _newly_registered(path, plan, planner):
+        difference = _difference(path, table, plan, in_words=not stale)
+        if difference := difference or _newly_registered(path, plan, planner):
             if puts_aside:
                 os.replace(path, f"{path}{STALE}")
             stale.append((path, difference))
@@ -117,8 +118,11 @@ def unplanned_files(planner, experiments, sequences):
             yield from (path for path in sorted(folder.glob("*.parquet")) if path not in planned)
 
 
-def _difference(path, table, plan):
-    """How a file differs from the one that should lie there, in words; "" if it does not."""
+def _difference(path, table, plan, in_words):
+    """How a file differs from the one that should lie there; "" if it does not.
+
+    in_words: whether it is told in which values plans differ, which takes longer.
+    """
     try:
         about = storage.read_about(path)
     except UserError:
@@ -128,7 +132,7 @@ def _difference(path, table, plan):
     found = about.get("plan", {})
     if plans.digest(found) == plans.digest(plan):
         return ""
-    return plans.difference(found, plan)
+    return plans.difference(found, plan) if in_words else "another plan"
 
 
 def _newly_registered(path, plan, planner):
