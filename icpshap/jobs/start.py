@@ -59,8 +59,9 @@ def look(planner, experiments, sequences, puts_aside=True):
     """
     stale = []
     for path, table, plan in planned_files(planner, experiments, sequences):
-        difference = _difference(path, table, plan, in_words=not stale)
-        if difference := difference or _newly_registered(path, plan, planner):
+        about = _about(path)
+        difference = _difference(about, table, plan, in_words=not stale)
+        if difference := difference or _newly_registered(about, plan, planner):
             if puts_aside:
                 os.replace(path, f"{path}{STALE}")
             stale.append((path, difference))
@@ -118,14 +119,20 @@ def unplanned_files(planner, experiments, sequences):
             yield from (path for path in sorted(folder.glob("*.parquet")) if path not in planned)
 
 
-def _difference(path, table, plan, in_words):
+def _about(path):
+    """What a file was written with; None if it cannot be read."""
+    try:
+        return storage.read_about(path)
+    except UserError:
+        return None
+
+
+def _difference(about, table, plan, in_words):
     """How a file differs from the one that should lie there; "" if it does not.
 
     in_words: whether it is told in which values plans differ, which takes longer.
     """
-    try:
-        about = storage.read_about(path)
-    except UserError:
+    if about is None:
         return "it cannot be read"
     if about.get("table") != table:
         return f"it is a table of {about.get('table')}"
@@ -135,14 +142,14 @@ def _difference(path, table, plan, in_words):
     return plans.difference(found, plan) if in_words else "another plan"
 
 
-def _newly_registered(path, plan, planner):
+def _newly_registered(about, plan, planner):
     """Which pair of a job is registered by now and was not when the job ran, in words; or "".
 
     Checks of pairs are no reason to register again, so that the workflow would not see it.
     """
     if "parts" not in plan:
         return ""
-    registered = {tuple(pair) for pair in storage.read_about(path).get("registered", [])}
+    registered = {tuple(pair) for pair in about.get("registered", [])}
     for pair, *_ in plan["parts"]:
         indices = {"reference": pair[0], "source": pair[1]}
         overlap = at(paths.OVERLAP, sequence=plan["sequence"], **indices)
