@@ -9,12 +9,14 @@ How fast it is, and why: docs/engine.md.
 
 from icpshap.icp.chain import Chain, Stopping, Trimmed
 from icpshap.icp.minimisers import PointToPlane, PointToPoint
+from icpshap.icp.nearest import Matcher
 from icpshap.icp.reference import Reference, minimum_range
 from icpshap.icp.registration import STATUS, Registrations, register
 
 __all__ = [
     "STATUS",
     "Chain",
+    "Matcher",
     "PointToPlane",
     "PointToPoint",
     "Reference",

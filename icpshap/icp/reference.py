@@ -88,6 +88,12 @@ class Reference:
         """Unit normals (n, 3) in the tree's order."""
         return self.planes[:, :3]
 
+    def in_rows(self, values):
+        """Values (n, ...) in the tree's order, in the order of the points that were given."""
+        result = np.empty_like(values)
+        result[self.tree.index] = values
+        return result
+
     def surface(self, with_normals):
         """What the features of a link to a point need, in the tree's order (n, 4).
 

@@ -10,6 +10,7 @@ from icpshap.data.scans import read_scan
 from icpshap.icp import kdtree
 from icpshap.icp.candidates import HEADER, LEVELS, WORTH_SPLITTING
 from icpshap.icp.matching import match, work_arrays
+from icpshap.icp.nearest import QUERIES
 from icpshap.icp.network import LANES, nearest_three
 
 GENERATORS = {
@@ -121,6 +122,35 @@ def test_links_longer_than_the_limit_are_dropped():
     assert 0 < near.sum() < near.size
     np.testing.assert_array_equal(index, np.where(near, expected, -1))
     np.testing.assert_array_equal(limited, np.where(near, distance, np.inf))
+
+
+def test_a_matcher_gives_the_same_in_parts_of_any_size():
+    """Rows of the cloud as it was given, for more points than are matched together."""
+    rng = np.random.default_rng(3)
+    cloud = GENERATORS["random"](rng)
+    points = np.repeat(queries_for(cloud, rng), 30, axis=0)
+    reference = icp.Reference(cloud)
+    matcher = icp.Matcher(reference, 3)
+    distance, rows = matcher(points)
+    assert len(points) > QUERIES
+    expected, index = brute_force(cloud - reference.mean, points[::30] - reference.mean, 3)
+    np.testing.assert_array_equal(distance[::30], expected)
+    np.testing.assert_array_equal(rows, np.repeat(index, 30, axis=0))
+    limited, rows = matcher(points, limit=0.01)
+    near = distance <= 0.01
+    assert 0 < near.sum() < near.size
+    np.testing.assert_array_equal(rows, np.where(near, np.repeat(index, 30, axis=0), -1))
+    np.testing.assert_array_equal(limited, np.where(near, distance, np.inf))
+    with pytest.raises(ValueError, match="4 matches a point need as many reference points"):
+        icp.Matcher(icp.Reference(cloud[:3]), 4)(points)
+
+
+def test_normals_in_the_order_of_the_points():
+    rng = np.random.default_rng(3)
+    reference = icp.Reference(GENERATORS["random"](rng))
+    np.testing.assert_array_equal(
+        reference.in_rows(reference.normals)[reference.tree.index], reference.normals
+    )
 
 
 def test_nearly_equal_distances_are_told_apart():

@@ -1,0 +1,64 @@
+"""The nearest reference points of any points: the matching of a registration, on its own.
+
+For estimators that linearise at a pose, or that move particles instead of whole runs.
+"""
+
+import numpy as np
+
+from icpshap.icp import kdtree
+from icpshap.icp.matching import match, work_arrays
+from icpshap.icp.reference import checked_points
+
+QUERIES = 32_768  # are matched together: their arrays stay in the cache
+
+
+class Matcher:
+    """The `matches` nearest points of a Reference; keeps its arrays from call to call."""
+
+    def __init__(self, reference, matches=1):
+        self.reference = reference
+        self.matches = matches
+        self._work = work_arrays(QUERIES)
+        self._found = np.empty(QUERIES * matches, np.int32)
+        self._distance = np.empty(QUERIES * matches)
+        self._stack = np.empty(kdtree.STACK, np.int32)
+
+    def __call__(self, points, limit=np.inf):
+        """Squared distances [m^2] and rows of the matches of points (m, 3) [m], reference frame.
+
+        Both (m, matches), nearest first, the lowest row on ties. A link whose squared distance
+        exceeds `limit` [m^2] has the row -1 and an infinite one. Raises ValueError for points that
+        are not finite, and where the reference has fewer points than `matches`.
+        """
+        points = checked_points(points, "points to match") - self.reference.mean
+        if len(self.reference) < self.matches:
+            raise ValueError(
+                f"{self.matches} matches a point need as many reference points; there are "
+                f"{len(self.reference)}. Hint: a larger cloud or fewer matches."
+            )
+        distance = np.empty((len(points), self.matches))
+        found = np.empty((len(points), self.matches), np.int32)
+        for first in range(0, len(points), QUERIES):
+            part = slice(first, first + QUERIES)
+            self._match(points[part], limit, found[part].reshape(-1), distance[part].reshape(-1))
+        rows = np.where(found >= 0, self.reference.tree.index[found], -1)
+        return distance, rows
+
+    def _match(self, points, limit, found, distance):
+        count = len(points)
+        work, tree = self._work, self.reference.tree
+        work.x[:count], work.y[:count], work.z[:count] = points.T
+        lists = self.reference.lists(self.matches)
+        match(
+            tree,
+            lists,
+            self.matches,
+            limit,
+            count,
+            work,
+            self._found,
+            self._distance,
+            self._stack,
+        )
+        found[:] = self._found[: len(found)]
+        distance[:] = self._distance[: len(distance)]
