@@ -10,10 +10,10 @@ their order, nor how many fit into memory can change a bit of the result.
 Measured: docs/engine.md.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from icpshap.icp import kdtree
 from icpshap.icp.accumulation import (
@@ -25,7 +25,7 @@ from icpshap.icp.accumulation import (
     band_room,
     once_each,
 )
-from icpshap.icp.compiled import announce_compilation
+from icpshap.icp.compiled import announce_compilation, jit
 from icpshap.icp.reference import checked_points
 
 STATUS = ("ok", "max_iterations", "too_few_links", "degenerate")
@@ -123,6 +123,20 @@ def _batches(lengths, source_points, matches):
         yield slice(first, len(lengths))
 
 
+@jit
+def _rotation_angles(T):
+    """Angles (R,) [rad] of the rotations of T (R, 4, 4)."""
+    # From sine and cosine, as precise for small angles as for large ones.
+    result = np.empty(len(T))
+    for run in range(len(T)):
+        x = T[run, 2, 1] - T[run, 1, 2]
+        y = T[run, 0, 2] - T[run, 2, 0]
+        z = T[run, 1, 0] - T[run, 0, 1]
+        cosine = T[run, 0, 0] + T[run, 1, 1] + T[run, 2, 2] - 1.0
+        result[run] = math.atan2(math.sqrt(x * x + y * y + z * z), cosine)
+    return result
+
+
 def _register_batch(reference, points, positions, chain, batch, result):
     """Write the results of the runs in the slice `batch`, at those positions, into `result`."""
     minimiser, stopping = chain.error_minimiser, chain.stopping
@@ -146,7 +160,7 @@ def _register_batch(reference, points, positions, chain, batch, result):
         active, step = active[determined], step[determined]
         T_next = step @ T[active]
         last = iteration % 3
-        angles[active, last] = Rotation.from_matrix(step[:, :3, :3]).magnitude()
+        angles[active, last] = _rotation_angles(step)
         lengths[active, last] = np.linalg.norm(T_next[:, :3, 3] - T[active, :3, 3], axis=1)
         T[active] = T_next
         iterations[active] = iteration + 1
