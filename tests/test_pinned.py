@@ -1,7 +1,7 @@
 """The numbers of `paper` and `released_code`: pinned for good, on the tiny workflow.
 
 Poses, f, phi and interactions with every run kept may never change. Bytes differ between kinds of
-processor (exp, log, sin), so the repository pins to 1e-9 relative.
+processor (exp, log, sin), so the repository pins to 1e-9 relative, ends of intervals to 6e-8.
 
     python -m tests.test_pinned FOLDER    writes the pins from the results in a working directory
 """
@@ -20,6 +20,8 @@ CAUSES = ["sensor_noise", "initial_pose", "partial_overlap"]
 PAIR = ["reference", "source"]
 RUNS = [0, 29, 59]  # of which the poses are pinned
 TOLERANCE = 1e-9
+# The jackknife takes n - 1 times one mean from n times another, so it magnifies rounding n times.
+TOLERANCE_OF_ENDS = 60 * TOLERANCE
 
 
 def poses(folder, experiment):
@@ -72,8 +74,9 @@ def test_numbers_are_those_that_were_pinned(made, experiment, table):
     for name in expected:
         one, other = found[name].to_numpy(), expected[name].to_numpy()
         if one.dtype == float:
+            relative = TOLERANCE_OF_ENDS if name.endswith(("_low", "_high")) else TOLERANCE
             scale = np.nanmax(np.abs(other), initial=0.0)
-            np.testing.assert_allclose(one, other, TOLERANCE, TOLERANCE * scale, err_msg=name)
+            np.testing.assert_allclose(one, other, relative, relative * scale, err_msg=name)
         else:
             assert (one == other).all(), name
 
