@@ -335,7 +335,8 @@ def _directions(causes):
     name += "truth, wrong basins included"
     vector = "component of the direction in the reference's axes, rotation in units of 1/L"
     growth = "the growth may be shown in per cent: it is positive beyond its interval, and no part "
-    growth += "is negative beyond its own"
+    growth += "is negative beyond its own; else there are no shares"
+    of = "error; its upper end is infinite where so few independent runs bound it from below only"
     parts = {
         "phi": "Shapley value of {}: its part of the growth",
         "removal": "what the value falls by without {}",
@@ -357,9 +358,14 @@ def _directions(causes):
             for c in causes
             for column in _estimate(f"{part}_{c.name}", meaning.format(c.title), square)
         ),
+        *(
+            column
+            for c in causes
+            for column in _estimate(f"share_{c.name}", f"part of {c.title} in the growth", "-")
+        ),
         Column("in_per_cent", "bool", "", growth),
-        Column("clean_quantile_95", "float64", error, "95 % quantile of the clean setting's error"),
-        Column("quantile_95", "float64", error, "95 % quantile of the instance's error"),
+        *_estimate("clean_quantile_95", f"95 % quantile of the clean setting's {of}", error),
+        *_estimate("quantile_95", f"95 % quantile of the instance's {of}", error),
         _REASON,
     ]
 

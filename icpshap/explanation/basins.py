@@ -25,7 +25,8 @@ class Basins(NamedTuple):
     """What is known of the basins of settings (...) with n runs each.
 
     wrong (..., n): runs in a wrong basin, never a failed one; lacking (...): the setting has no
-    basin of its own, since fewer than half of the runs that did not fail lie together.
+    basin of its own, since fewer than half of the runs that did not fail lie together; not where
+    all failed, which is known to be nowhere.
     """
 
     wrong: np.ndarray
@@ -48,7 +49,7 @@ def find_basins(xi, length, translation, rotation):
     xi = np.asarray(xi, dtype=float)
     flat = xi.reshape(-1, *xi.shape[-2:])
     good = ~np.isnan(flat).any(axis=-1)
-    wrong, lacking = np.zeros(good.shape, dtype=bool), np.ones(len(flat), dtype=bool)
+    wrong, lacking = np.zeros(good.shape, dtype=bool), np.zeros(len(flat), dtype=bool)
     for kept, members in alike(good):
         number = kept.sum()
         if number == 0:

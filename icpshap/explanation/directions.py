@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from icpshap.explanation import shapley
+from icpshap.explanation.intervals import independent_runs
 from icpshap.explanation.patterns import alike
 from icpshap.explanation.ranking import quantiles
 from icpshap.explanation.uncertainty import (
@@ -18,6 +19,7 @@ from icpshap.explanation.uncertainty import (
     columns_of,
     estimate,
     kept_runs,
+    mean_of_games,
     over_replicates,
 )
 
@@ -57,9 +59,9 @@ def directions_table(replicates, instances, rows, method, pair):
     parts = []
     for name in DIRECTIONS:
         if name in ERRORS:
-            found = _explain(replicates, rows, method, partial(_mean, ERRORS[name]), False)
+            found = _of_errors(ERRORS[name], replicates, rows, method)
         else:
-            found = _explain(replicates, rows, method, partial(_variance, vectors[name]))
+            found = _of_variances(vectors[name], replicates, rows, method)
         part = {
             **instances[["instance", *causes]].to_dict(orient="list"),
             "direction": name,
@@ -123,33 +125,67 @@ def _vector(name, weakest):
     return dict(zip(VECTOR, vectors.T, strict=True))
 
 
-def _explain(replicates, rows, method, values, leave_out=None):
-    """`Estimate` of the `_quantities` over all replicates; values(sample, games, weights)."""
-    found = []
-    for sample, games in zip(replicates, rows, strict=True):
-        if leave_out is False and not sample.returns.samples:
-            nothing = np.full((len(games), _quantities(games[0] * 0.0).shape[-1]), np.nan)
-            found.append(Estimate(*[nothing] * 4))
-            continue
-        given = partial(values, sample, games)
-        found.append(estimate(sample, games, _quantities, method, leave_out, values=given))
-    return over_replicates(found)
+def _of_errors(number, replicates, rows, method):
+    """`Estimate` of the `_quantities` of a squared error, of all runs that did not fail."""
+    if not replicates[0].returns.samples:
+        return Estimate(*np.full((4, len(rows[0]), _width(rows)), np.nan))
+    return over_replicates(
+        [
+            estimate(
+                sample,
+                games,
+                _quantities,
+                method,
+                False,
+                values=mean_of_games(number, sample, games),
+            )
+            for sample, games in zip(replicates, rows, strict=True)
+        ]
+    )
+
+
+def _of_variances(vectors, replicates, rows, method):
+    """`Estimate` of the `_quantities` of the variance along vectors."""
+    return over_replicates(
+        [
+            estimate(
+                sample,
+                games,
+                _quantities,
+                method,
+                values=partial(_variance, vectors, sample, games),
+            )
+            for sample, games in zip(replicates, rows, strict=True)
+        ]
+    )
+
+
+def _width(rows):
+    return _quantities(np.zeros(rows[0].shape[1])).shape[-1]
 
 
 def _quantities(game):
-    """Clean value, value, growth, and of each cause its part, removal and what remains without."""
+    """Clean value, value, growth, and of each cause its part, removal, what remains, its share."""
     clean, value = game[..., :1], game[..., -1:]
+    growth = value - clean
     phi, removal = shapley.shapley_values(game), shapley.removal_effects(game)
-    return np.concatenate([clean, value, value - clean, phi, removal, value - removal], axis=-1)
+    share = np.divide(phi, growth, out=np.full_like(phi, np.nan), where=growth != 0)
+    return np.concatenate([clean, value, growth, phi, removal, value - removal, share], axis=-1)
 
 
 def _columns(causes, found):
+    """Columns of `_quantities`; shares only where they may be told as per cent."""
     names = ["clean", "value", "growth"]
-    names += [f"{what}_{name}" for what in ("phi", "removal", "remaining") for name in causes]
+    names += [
+        f"{what}_{cause}" for what in ("phi", "removal", "remaining", "share") for cause in causes
+    ]
     columns = columns_of(names, found)
-    negative = [columns[f"phi_{name}_high"] < 0 for name in causes]
-    grows = columns["growth_low"] > 0
-    return columns | {"in_per_cent": grows & ~np.any(negative, axis=0)}
+    negative = [columns[f"phi_{cause}_high"] < 0 for cause in causes]
+    in_per_cent = (columns["growth_low"] > 0) & ~np.any(negative, axis=0)
+    for name in columns:
+        if name.startswith("share_"):
+            columns[name] = np.where(in_per_cent, columns[name], np.nan)
+    return columns | {"in_per_cent": in_per_cent}
 
 
 def _variance(vectors, sample, games, members, weights):
@@ -165,20 +201,41 @@ def _variance(vectors, sample, games, members, weights):
     )
 
 
-def _mean(number, sample, games, members, weights):
-    """Mean (k, g, r) of a number of the runs."""
-    settings, inverse = np.unique(games[members], return_inverse=True)
-    return sample.mean(number, settings, weights)[inverse.reshape(-1, games.shape[1])]
-
-
 def _quantiles(name, replicates, rows):
     """95 % quantile of the error, clean and with all causes on; NaN for other rows."""
-    columns = {"clean_quantile_95": np.nan, "quantile_95": np.nan}
+    found = Estimate(*np.full((4, len(rows[0]), 2), np.nan))
     if name in ERRORS and replicates[0].returns.samples and replicates[0].xi.size:
-        found = []
-        for sample, games in zip(replicates, rows, strict=True):
-            error = np.sqrt(sample.numbers(ERRORS[name]))
-            of_settings = quantiles(error[..., None], np.isfinite(error), [QUANTILE])[0, :, 0]
-            found.append(of_settings[games[:, [0, -1]]])
-        columns = dict(zip(columns, np.mean(found, axis=0).T, strict=True))
-    return columns
+        found = over_replicates(
+            [
+                _quantiles_of(sample, np.sqrt(sample.numbers(ERRORS[name])), games[:, [0, -1]])
+                for sample, games in zip(replicates, rows, strict=True)
+            ]
+        )
+    return columns_of(["clean_quantile_95", "quantile_95"], found)
+
+
+def _quantiles_of(sample, error, rows):
+    """`Estimate` of the quantiles of errors (S, n) in settings `rows`."""
+    value, low, high = quantiles_with_interval(error, sample.noise_draw)
+    if not sample.units:
+        low = high = np.full_like(value, np.nan)
+    return Estimate(value[rows], low[rows], high[rows], np.full(rows.shape, np.nan))
+
+
+def quantiles_with_interval(values, noise_draw):
+    """The 95 % quantile of values (..., n) with the ends of its interval, (...) each.
+
+    A failed run is NaN; noise_draw (n,): the draw of each. The ends are the quantiles at the ends
+    of what the share of runs below may be by chance (Woodruff, Journal of the American Statistical
+    Association 47, 1952); infinite where that is all of them: so few runs bound no quantile.
+    """
+    known = np.isfinite(values)
+    (value,) = quantiles(values[..., None], known, [QUANTILE])
+    share = np.full(len(values), QUANTILE)
+    number, factor = independent_runs(share, values < value, known, noise_draw)
+    with np.errstate(divide="ignore"):
+        half = factor * np.sqrt(share * (1 - share) / number)
+    ends = [np.clip(end, 0.0, 1.0)[:, None, None] for end in (share - half, share + half)]
+    low, high = quantiles(values[..., None], known, ends)[..., 0]
+    high[(share + half >= 1) & np.isfinite(high)] = np.inf
+    return value[..., 0], low, high

@@ -192,7 +192,12 @@ def shap_table(replicates, instances, rows, off, method):
     found = explain_games(replicates, rows, method)
     shares = explain_shares(replicates, rows, on, method)
     if method.reading.counts_failed:
-        of_shares = {"f": shares.share, "phi": shares.phi, "removal": shares.removal}
+        of_shares = {
+            "f": shares.share,
+            "phi": shares.phi,
+            "removal": shares.removal,
+            "interactions": shares.interactions,
+        }
         found = replace(
             found,
             **{

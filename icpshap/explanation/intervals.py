@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.stats import norm
 from scipy.stats import t as student
 
 CONFIDENCE = 0.95
@@ -92,6 +93,49 @@ def jackknife_variance(left_out):
     """Variance of an estimate from its leave-one-out values (m, ...), to (...)."""
     m = len(left_out)
     return (m - 1) / m * np.square(left_out - left_out.mean(axis=0)).sum(axis=0)
+
+
+def wilson(share, number, quantile):
+    """Wilson's interval (low, high) of a share of `number` trials."""
+    square = quantile**2
+    middle = (share + square / (2 * number)) / (1 + square / number)
+    half = quantile / (1 + square / number)
+    half = half * np.sqrt(share * (1 - share) / number + square / (4 * number**2))
+    # Without round-off at the ends, where the interval begins or ends with the share itself.
+    low = np.where(share <= 0, 0.0, np.maximum(middle - half, 0.0))
+    return low, np.where(share >= 1, 1.0, np.minimum(middle + half, 1.0))
+
+
+def of_units(share, by_unit, number):
+    """How many independent runs would vary as much as units do, and the quantile of Student's t.
+
+    share (...) of `number` runs; by_unit (..., u): that of each unit, NaN for one without runs.
+    """
+    units = np.isfinite(by_unit).sum(axis=-1)
+    middle = np.nanmean(by_unit, axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore"):  # one unit alone does not tell how units vary
+        variance = np.nansum(np.square(by_unit - middle), axis=-1) / (units - 1) / units
+    binomial = share * (1 - share)
+    size = np.divide(binomial, variance, out=np.full_like(share, np.inf), where=variance > 0)
+    return np.minimum(size, number), student.ppf((1 + CONFIDENCE) / 2, units - 1)
+
+
+def independent_runs(share, marked, weight, noise_draw):
+    """The same (...) of a share of runs that are marked (..., n), over noise draws (n,).
+
+    weight (..., n): what a run counts, with mean 1 over those that do. With one draw all runs are
+    independent, and the quantile is that of the normal distribution.
+    """
+    weight = np.broadcast_to(weight, marked.shape).astype(float)
+    number = weight.sum(axis=-1)
+    draws = np.unique(noise_draw)
+    if len(draws) == 1:
+        return number, norm.ppf((1 + CONFIDENCE) / 2)
+    of_draw = (noise_draw[:, None] == draws).astype(float)
+    counted = weight @ of_draw
+    by_draw = np.full_like(counted, np.nan)
+    np.divide((marked * weight) @ of_draw, counted, out=by_draw, where=counted > 0)
+    return of_units(share, by_draw, number)
 
 
 def mean_interval(values):

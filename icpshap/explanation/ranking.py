@@ -84,7 +84,7 @@ def quantiles(values, kept, probabilities):
     count = kept.sum(axis=-1)[..., None, None]
     result = []
     for probability in probabilities:
-        position = np.maximum(probability * (count - 1), 0)
+        position = np.nan_to_num(np.maximum(probability * (count - 1), 0))
         low = np.floor(position).astype(int)
         high = np.minimum(low + 1, np.maximum(count - 1, 0))
         ends = [

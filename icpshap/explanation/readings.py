@@ -71,8 +71,7 @@ class Spread:
 
     def mean(self, name):
         """Weighted mean (..., r) of a number of the runs."""
-        values = self.of_runs[name][..., self._used]
-        return weighted_sums(self.weights[:, self._used], values[..., None])[..., 0] / self.n
+        return weighted_mean(self.weights, self.of_runs[name])
 
 
 def run_numbers(xi, length):
@@ -150,6 +149,13 @@ def weighted_sums(weights, values):
     A product of its own for each setting: to the bit, no sum depends on which others there are.
     """
     return weights @ values
+
+
+def weighted_mean(weights, values):
+    """Mean (..., r) of values (..., n) under weightings (r, n); what none counts may be NaN."""
+    used = weights.any(axis=0)
+    sums = weighted_sums(weights[:, used], values[..., used, None])[..., 0]
+    return sums / weights.sum(axis=1)
 
 
 def _add_scatter(entries, xi, weights, n):

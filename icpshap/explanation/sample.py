@@ -152,10 +152,7 @@ class Sample:
 
     def mean(self, name, rows, weights):
         """Weighted mean (..., r) of a number of the runs of settings `rows` (...)."""
-        used = weights.any(axis=0)
-        weighted = (weights * self.weight)[:, used]
-        values = self._of_runs[name][rows][..., used, None]
-        return readings.weighted_sums(weighted, values)[..., 0] / weighted.sum(axis=1)
+        return readings.weighted_mean(weights * self.weight, self._of_runs[name][rows])
 
     def _mean_covariance(self, rows, weights):
         """Mean (..., r, 6, 6) over the noise draws."""

@@ -10,10 +10,14 @@ from dataclasses import replace
 import numpy as np
 
 from icpshap.explanation import shapley
-from icpshap.explanation.pose_errors import pose_error_columns
-from icpshap.explanation.uncertainty import columns_of, estimate, over_replicates
+from icpshap.explanation.uncertainty import (
+    columns_of,
+    estimate,
+    mean_of_games,
+    over_replicates,
+)
 
-ERRORS = ("translation_rmse", "rotation_rmse")
+ERRORS = {"translation_rmse": "square_translation", "rotation_rmse": "square_rotation"}
 
 
 def shrinking_columns(replicates, rows, method):
@@ -38,7 +42,7 @@ def shrinking_columns(replicates, rows, method):
         **columns_of([f"entropy_difference_{cause}" for cause in causes], phi),
         "shrinks": is_below_zero(found)[:, 0],
         **{f"narrows_{cause}": narrows[:, q] for q, cause in enumerate(causes)},
-        **_errors(replicates, rows),
+        **_errors(replicates, rows, method),
     }
 
 
@@ -46,12 +50,31 @@ def _f_and_phi(game):
     return np.concatenate([game[..., -1:], shapley.shapley_values(game)], axis=-1)
 
 
-def _errors(replicates, rows):
-    """Mean errors over the replicates, of the clean setting and of the instance."""
-    columns = [pose_error_columns(sample) for sample in replicates]
+def _errors(replicates, rows, method):
+    """Errors of the clean setting and of the instance, of the runs that fail in none of its game.
+
+    Those of the directions table: roots of the mean squared errors over all replicates.
+    """
+    method = method.of_covariances
     found = {}
-    for name in ERRORS:
-        of_settings = [of[name][row] for of, row in zip(columns, rows, strict=True)]
-        found[f"clean_{name}"] = np.mean([error[:, 0] for error in of_settings], axis=0)
-        found[name] = np.mean([error[:, -1] for error in of_settings], axis=0)
+    for name, number in ERRORS.items():
+        square = over_replicates(
+            [
+                estimate(
+                    sample,
+                    row,
+                    _clean_and_all_on,
+                    method,
+                    leave_out=False,
+                    intervals=False,
+                    values=mean_of_games(number, sample, row),
+                )
+                for sample, row in zip(replicates, rows, strict=True)
+            ]
+        )
+        found[f"clean_{name}"], found[name] = np.sqrt(square.value).T
     return found
+
+
+def _clean_and_all_on(game):
+    return game[..., [0, -1]]

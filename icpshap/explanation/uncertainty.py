@@ -127,6 +127,16 @@ def _own_values(sample, games, method):
     return values
 
 
+def mean_of_games(number, sample, games):
+    """values(members, weights) for `estimate`: means of a number of the runs, each setting once."""
+
+    def values(members, weights):
+        settings, inverse = np.unique(games[members], return_inverse=True)
+        return sample.mean(number, settings, weights)[inverse.reshape(-1, games.shape[1])]
+
+    return values
+
+
 def evaluate(sample, rows, clean, weights, method):
     """f of settings `rows` (s,) against setting `clean`, under each weighting (r, n): (s, r).
 

@@ -33,14 +33,15 @@ NAMES = {
 class Part(NamedTuple):
     """What a cause adds [cm^2 or deg^2], its share of the growth, what remains without it.
 
-    Of the instances in which it is on. remaining_ends: interval of the standard deviation that
-    remains; intervals are text, "" but of one instance. unsure: whether most intervals contain 0.
+    Of the instances in which it is on. interval, share_ends, remaining_ends (of the standard
+    deviation that remains): text, "" but of one instance. unsure: whether most intervals contain 0.
     """
 
     cause: type
     value: float
-    share: float
     interval: str
+    share: float
+    share_ends: str
     remaining: float
     remaining_ends: str
     unsure: bool
@@ -49,8 +50,9 @@ class Part(NamedTuple):
 class Row(NamedTuple):
     """A direction: its words, the unit whose square its numbers have, and medians of instances.
 
-    clean_ends, value_ends: intervals of the standard deviations, as text; vector (6,): of the
-    direction, rotation first in units of 1/L, NaN where it is none or differs between instances.
+    Ends are intervals of the standard deviations and of the 95 % quantiles, as text; vector (6,):
+    of the direction, rotation first in units of 1/L, NaN where it is none or differs between
+    instances.
     """
 
     name: str
@@ -64,7 +66,9 @@ class Row(NamedTuple):
     parts: list
     in_per_cent: bool
     clean_quantile: float
+    clean_quantile_ends: str
     quantile: float
+    quantile_ends: str
 
 
 def chosen(table, study):
@@ -86,26 +90,29 @@ def summary(table, study):
 def _row(name, found, shown):
     turns = "rotation" in name
     unit, factor = ("°", np.rad2deg(1.0)) if turns else ("cm", 100.0)
+
+    def of_deviation(end):
+        return deviation(factor**2 * end)
+
+    def of_quantile(end):
+        return words.significant(factor * end)
+
     parts = []
     for cause in shown:
         on = found[found[cause.name] != cause.off]
         on = on if len(on) else found  # nowhere on: its part is 0
-        phi, low, high = (on[f"phi_{cause.name}{end}"] for end in ("", "_low", "_high"))
-        interval = ""
-        if len(on) == 1 and low.notna().all():
-            ends = (words.significant(factor**2 * end.iloc[0]) for end in (low, high))
-            interval = f" [{', '.join(ends)}]"
-        remaining = f"remaining_{cause.name}"
-        unsure = bool(((low <= 0) & (high >= 0)).mean() > 0.5)
+        phi, share, remaining = (f"{of}_{cause.name}" for of in ("phi", "share", "remaining"))
+        unsure = (on[f"{phi}_low"] <= 0) & (on[f"{phi}_high"] >= 0)
         parts.append(
             Part(
                 cause,
-                factor**2 * phi.median(),
-                (phi / on.growth).median(),
-                interval,
+                factor**2 * on[phi].median(),
+                _ends(on, phi, lambda end: words.significant(factor**2 * end)),
+                on[share].median(),
+                _ends(on, share, _per_cent),
                 factor**2 * on[remaining].median(),
-                _ends(on, remaining, factor),
-                unsure,
+                _ends(on, remaining, of_deviation),
+                bool(unsure.mean() > 0.5),
             )
         )
     told = found.words.unique()
@@ -118,23 +125,29 @@ def _row(name, found, shown):
         text,
         unit,
         factor**2 * found.clean.median(),
-        _ends(found, "clean", factor),
+        _ends(found, "clean", of_deviation),
         factor**2 * found.value.median(),
-        _ends(found, "value", factor),
+        _ends(found, "value", of_deviation),
         vectors[0] if (vectors == vectors[0]).all() else np.full(len(VECTOR), np.nan),
         parts,
         bool(found.in_per_cent.all()),
         factor * found.clean_quantile_95.median(),
+        _ends(found, "clean_quantile_95", of_quantile),
         factor * found.quantile_95.median(),
+        _ends(found, "quantile_95", of_quantile),
     )
 
 
-def _ends(rows, name, factor):
-    """The interval of the square root of a variance of one instance, as text; else ""."""
+def _ends(rows, name, told):
+    """The interval of a number of one instance, with its ends as told(end) says; else ""."""
     low, high = rows[f"{name}_low"], rows[f"{name}_high"]
     if len(rows) != 1 or low.isna().any() or high.isna().any():
         return ""
-    return f" [{', '.join(deviation(factor**2 * end.iloc[0]) for end in (low, high))}]"
+    return f" [{', '.join(told(end.iloc[0]) for end in (low, high))}]"
+
+
+def _per_cent(share):
+    return f"{100 * share:.0f}"
 
 
 def deviation(variance):
@@ -203,15 +216,19 @@ def _weakest(row):
 def _growth(row, kind):
     quantiles = ""
     if np.isfinite(row.quantile):
-        ends = (words.significant(end) for end in (row.clean_quantile, row.quantile))
-        quantiles = f" (95 % quantile {' to '.join(ends)})"
+        before = f"{words.significant(row.clean_quantile)}{row.clean_quantile_ends}"
+        after = f"{words.significant(row.quantile)}{row.quantile_ends}"
+        unbounded = "; ∞: so few independent runs bound it from below only" * (
+            "∞" in before + after
+        )
+        quantiles = f" (95 % quantile {before} to {after}{unbounded})"
     text = (
         f"The {kind} error (RMSE, wrong basins included) goes from {deviation(row.clean)}"
         f"{row.clean_ends} to {deviation(row.value)}{row.value_ends} {row.unit}{quantiles}; what "
         "the squared error grows by"
     )
     if row.in_per_cent:
-        parts = (f"{p.cause.title} {100 * p.share:.0f} %" for p in row.parts)
+        parts = (f"{p.cause.title} {_per_cent(p.share)} %{p.share_ends}" for p in row.parts)
         return f"{text}: {', '.join(parts)}."
     parts = (f"{p.cause.title} {words.significant(p.value)}{p.interval}" for p in row.parts)
     return f"{text} [{row.unit}²]: {', '.join(parts)}."

@@ -58,6 +58,8 @@ def listed(parts):
 
 def significant(value):
     """A value as text, with two significant digits and no exponent unless it is far from 1."""
+    if np.isinf(value):
+        return "∞"
     if value == 0 or 1e-4 <= abs(value) < 10:
         return f"{value:.2g}"
     return f"{value:.0f}" if 10 <= abs(value) < 1e5 else f"{value:.1e}"

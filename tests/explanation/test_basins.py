@@ -108,7 +108,7 @@ def test_failed_runs_have_no_say():
     np.testing.assert_array_equal(found.wrong[:, :100], expected)
     assert not found.wrong[:, 100:].any() and not found.lacking.any()
     everything = find(np.full((5, 6), np.nan))
-    assert not everything.wrong.any() and everything.lacking
+    assert not everything.wrong.any() and not everything.lacking
 
 
 def test_settings_do_not_decide_about_one_another():

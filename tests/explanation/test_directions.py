@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from known_pair import PAIR
 from known_runs import ADDED, OFF, SHARED, estimates_table, instances, runs_table
+from scipy.stats import chi2
 
 from icpshap.estimators.kind import COVARIANCES, SAMPLES
 from icpshap.explanation import directions, games, readings
@@ -93,6 +94,44 @@ def test_errors_hold_every_run_that_did_not_fail():
     quantile = np.quantile(translation, 0.95)
     assert table.quantile_95["error_translation"] == pytest.approx(quantile)
     assert table.value["translation"] < 0.1 * table.value["error_translation"]
+
+
+def test_shares_of_the_growth_add_up_to_one_and_are_there_where_it_is_sure():
+    table = explained(runs_table(), bias_correction="jackknife")
+    shares = table[[f"share_{name}" for name in OFF]]
+    told = table.in_per_cent
+    assert told["error_translation"] and told["translation"]
+    np.testing.assert_allclose(shares[told].sum(axis=1), 1.0, rtol=1e-9)
+    assert shares[~told].isna().all(axis=None)
+    row = table.loc["error_translation"]
+    for name in OFF:
+        assert row[f"share_{name}_low"] <= row[f"share_{name}"] <= row[f"share_{name}_high"]
+        assert row[f"share_{name}"] == pytest.approx(row[f"phi_{name}"] / row.growth, rel=0.05)
+    narrowed = runs_table()
+    narrowed[XI] *= np.where(narrowed["sensor_noise"] > 0, 0.05, 1.0)[:, None]
+    table = explained(narrowed)
+    assert not table.in_per_cent["error_translation"]
+    assert table[[f"share_{name}_low" for name in OFF]].isna().all(axis=None)
+
+
+@pytest.mark.parametrize("noise_draws", [1, 10])
+def test_the_interval_of_a_quantile_holds_the_truth_as_often_as_it_says(noise_draws):
+    """Of 1,000 samples of 100 runs; with several noise draws half of the variance is theirs."""
+    generator = np.random.default_rng(5)
+    own, common = generator.standard_normal((2, 1000, noise_draws, 100 // noise_draws, 3))
+    common = common[:, :, :1] if noise_draws > 1 else common
+    error = np.linalg.norm(np.sqrt(0.5) * (own + common), axis=-1).reshape(1000, 100)
+    value, low, high = directions.quantiles_with_interval(
+        error, np.repeat(np.arange(noise_draws), 100 // noise_draws)
+    )
+    np.testing.assert_allclose(value, np.quantile(error, 0.95, axis=1))
+    assert (low <= value).all() and (value <= high).all()
+    held = (low <= np.sqrt(chi2.ppf(0.95, 3))) & (np.sqrt(chi2.ppf(0.95, 3)) <= high)
+    assert 0.92 <= held.mean() <= 0.99
+    # Ten values, all runs of a draw alike, bound a 95 % quantile from below only.
+    alike = np.repeat(error[:, :10], 10, axis=1)
+    _, low, high = directions.quantiles_with_interval(alike, np.repeat(np.arange(10), 10))
+    assert np.isinf(high).all() and np.isfinite(low).all()
 
 
 def test_covariances_alone_have_no_error():

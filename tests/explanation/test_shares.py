@@ -1,5 +1,7 @@
 """W, the share of runs in a wrong basin: its intervals always have a width."""
 
+import itertools
+
 import numpy as np
 import pytest
 from known_pair import PAIR
@@ -7,7 +9,7 @@ from known_runs import OFF, estimates_table, instances, runs_table
 from scipy.stats import binomtest
 
 from icpshap.estimators.kind import COVARIANCES, SAMPLES
-from icpshap.explanation import games, shares
+from icpshap.explanation import games, intervals
 from icpshap.explanation.method import Method
 
 NAMES = list(OFF)
@@ -29,9 +31,9 @@ def shifted(runs, on, number):
 def test_wilsons_interval():
     quantile = 1.959963984540054
     expected = binomtest(7, 100).proportion_ci(method="wilson")
-    np.testing.assert_allclose(shares.wilson(0.07, 100, quantile), expected, 1e-9)
-    assert shares.wilson(np.array([0.0]), 100, quantile)[0] == 0
-    assert shares.wilson(np.array([1.0]), 100, quantile)[1] == 1
+    np.testing.assert_allclose(intervals.wilson(0.07, 100, quantile), expected, 1e-9)
+    assert intervals.wilson(np.array([0.0]), 100, quantile)[0] == 0
+    assert intervals.wilson(np.array([1.0]), 100, quantile)[1] == 1
 
 
 def test_a_share_counts_failed_runs_too():
@@ -109,6 +111,16 @@ def test_without_a_basin_there_is_no_share():
     assert settings["no_basin"].tolist() == [*[False] * 4, *[True] * 4, False]
 
 
+def test_where_every_run_failed_all_are_lost():
+    """That is known: the share is 1, and not unknown."""
+    runs = runs_table(failed=[(7, run) for run in range(100)])
+    explained = explain(runs, divergence="wrong_basin_share")
+    row = explained.shap.iloc[0]
+    assert row["f"] == row["wrong_basin_share"] == 1 and not row["no_basin"]
+    assert row["wrong_basin_share_low"] < 1 == row["wrong_basin_share_high"]
+    assert sum(row[f"wrong_basin_{name}"] for name in NAMES) == pytest.approx(1)
+
+
 @pytest.mark.parametrize("divergence", ["wrong_basin_share", "log_error"])
 def test_as_f_they_share_out_what_they_are(divergence):
     runs = runs_table(failed=[(7, 5)])
@@ -131,6 +143,8 @@ def test_as_f_a_share_has_the_interval_that_it_has_beside_others(replicates, num
     names = {"f": "wrong_basin_share"}
     names |= {f"phi_{name}": f"wrong_basin_{name}" for name in NAMES}
     names |= {f"removal_{name}": f"wrong_basin_removal_{name}" for name in NAMES}
+    for a, b in itertools.combinations(NAMES, 2):
+        assert row[f"interaction_{a}_{b}_low"] < row[f"interaction_{a}_{b}_high"]
     for as_f, beside in names.items():
         for end in ("", "_low", "_high"):
             assert row[as_f + end] == pytest.approx(row[beside + end], abs=1e-12)

@@ -37,6 +37,20 @@ def test_an_instance_that_shrinks_and_the_cause_that_narrows_it():
     assert row["translation_rmse"] < row["clean_translation_rmse"]
 
 
+def test_the_error_is_that_of_the_directions():
+    """Of the runs that fail in no setting of the game, though one failed in one setting only."""
+    runs = runs_table(wrong=[3], failed=[(7, 5), (0, 9)])
+    explained = games.explain(
+        runs, None, instances(), OFF, SAMPLES, Method(bias_correction="jackknife"), PAIR
+    )
+    row = explained.shap.iloc[0]
+    errors = explained.directions.set_index("direction")
+    for kind in ("translation", "rotation"):
+        of_kind = errors.loc[f"error_{kind}"]
+        assert row[f"{kind}_rmse"] == pytest.approx(np.sqrt(of_kind.value), rel=1e-12)
+        assert row[f"clean_{kind}_rmse"] == pytest.approx(np.sqrt(of_kind.clean), rel=1e-12)
+
+
 def test_parts_add_up_to_the_entropy_difference():
     row = explain_one(narrowed(), bias_correction="jackknife")
     parts = [row[f"entropy_difference_{name}"] for name in OFF]

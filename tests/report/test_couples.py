@@ -19,7 +19,7 @@ from icpshap.report.figures import couples, style
 
 
 def drawn(table, study):
-    figure, caption = figures.draw("interactions", table, study)
+    figure, caption = figures.draw("interactions", table, None, study)
     figure.canvas.draw()
     return figure, caption
 

@@ -35,7 +35,10 @@ def test_per_cent_are_said_only_where_the_growth_is_sure(table):
         " ".join(directions.sentences(table.assign(in_per_cent=error & told), ONE))
         for told in (True, False)
     )
-    assert "what the squared error grows by: sensor noise" in sure and " %, " in sure
+    assert "what the squared error grows by: sensor noise" in sure
+    row = table[table.direction == "error_translation"].iloc[0]
+    ends = (f"{100 * row[f'share_sensor_noise{end}']:.0f}" for end in ("", "_low", "_high"))
+    assert "sensor noise {} % [{}, {}]".format(*ends) in sure
     assert "grows by:" not in unsure
     assert "what the squared error grows by [cm²]: sensor noise" in unsure
 
@@ -50,7 +53,7 @@ def test_the_weakest_direction_is_named_with_what_remains(table):
 
 
 def test_picture_has_a_row_a_direction_and_a_cell_a_cause(table):
-    figure, caption = figures.draw_directions(table, fixed_of(STUDY.causes), ONE)
+    figure, caption = figures.draw("directions", fixed_of(STUDY.causes), table, ONE)
     (axes,) = figure.axes
     assert len(axes.get_yticks()) == 11
     assert len(axes.patches) == 11 * 5  # clean, three causes, in all
@@ -69,7 +72,7 @@ def test_covariances_alone_have_no_error(table):
     assert len(directions.sentences(without, ONE)) == 1
     nothing = table.assign(value=np.nan)
     assert directions.sentences(nothing, ONE) == []
-    figure, _ = figures.draw_directions(nothing, fixed_of(STUDY.causes), ONE)
+    figure, _ = figures.draw("directions", fixed_of(STUDY.causes), nothing, ONE)
     plt.close(figure)
 
 
@@ -84,7 +87,7 @@ def test_sentences_of_one_instance_have_intervals_and_the_vector(table):
     assert f"[{', '.join(ends)}] without sensor noise" in text
     entries = [f"{row[f'vector_{k}']:.2f}" for k in range(6)]
     assert f"Its unit vector is ({', '.join(entries[:3])}) about" in text
-    assert error.count("[") == 6  # before, after, the unit and three parts
+    assert error.count("[") == 8  # before and after, of both; the unit and three parts
 
 
 def test_it_is_said_of_what_the_numbers_are(table):

@@ -42,7 +42,7 @@ def dots(axes):
 
 
 def drawn(name, table, study=STUDY):
-    figure, caption = figures.draw(name, table, study)
+    figure, caption = figures.draw(name, table, None, study)
     figure.canvas.draw()
     return figure, caption
 
@@ -170,7 +170,7 @@ def test_dependence_of_a_cause_that_is_never_on_says_so(grid):
 
 def test_an_unknown_figure_is_refused(grid):
     with pytest.raises(KeyError):
-        figures.draw("dependence_sensor_noise_by_partial_overlap", grid, STUDY)
+        figures.draw("dependence_sensor_noise_by_partial_overlap", grid, None, STUDY)
 
 
 def test_pairs_are_drawn_in_order_with_medians_and_a_a_values(fixed):
@@ -339,7 +339,7 @@ def test_same_table_same_bytes(grid, fixed, tmp_path):
         for name in names:
             for attempt in "ab":
                 np.random.random(7)  # noqa: NPY002 - shap jitters with this generator
-                figure, _ = figures.draw(name, table, STUDY)
+                figure, _ = figures.draw(name, table, None, STUDY)
                 style.save(figure, tmp_path / f"{attempt}.png", tmp_path / f"{attempt}.svg")
                 plt.close(figure)
             for kind in ("png", "svg"):
@@ -352,14 +352,14 @@ def test_drawing_leaves_the_global_generator_alone(grid):
     np.random.seed(3)  # noqa: NPY002
     expected = np.random.random()  # noqa: NPY002
     np.random.seed(3)  # noqa: NPY002
-    figures.draw("summary", grid, STUDY)
+    figures.draw("summary", grid, None, STUDY)
     assert np.random.random() == expected  # noqa: NPY002
 
 
 def test_a_thousand_dots_make_a_light_file(tmp_path):
     levels = {name: np.linspace(low, high, 10) for name, (low, *_, high) in LEVELS.items()}
     for name in ("summary", DEPENDENCE[0]):
-        figure, _ = figures.draw(name, shap_table(levels), STUDY)
+        figure, _ = figures.draw(name, shap_table(levels), None, STUDY)
         style.save(figure, tmp_path / "figure.svg", tmp_path / "figure.png")
         assert (tmp_path / "figure.svg").stat().st_size < 500_000
         assert (tmp_path / "figure.png").stat().st_size < 500_000
@@ -393,4 +393,4 @@ def test_a_figure_of_pairs_with_nothing_to_show_says_so(fixed):
 
 def test_waterfall_of_two_pairs_is_refused(grid):
     with pytest.raises(ValueError, match="shows one instance of one pair, found 2"):
-        figures.draw("waterfall", pd.concat([grid, grid]), STUDY)
+        figures.draw("waterfall", pd.concat([grid, grid]), None, STUDY)

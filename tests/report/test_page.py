@@ -52,7 +52,7 @@ def results(tmp_path_factory):
         folder.mkdir(parents=True)
         study = replace(STUDY, name=scope)
         for name in names:
-            figure, caption = figures.draw(name, table, study)
+            figure, caption = figures.draw(name, table, None, study)
             style.save(figure, folder / f"{name}.svg")
             (folder / f"{name}.txt").write_text(caption)
             plt.close(figure)

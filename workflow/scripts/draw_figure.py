@@ -10,12 +10,8 @@ from icpshap.report.study import Study
 
 
 def draw_figure(paths, output, name, study):
-    shap, study = tables.read(paths.shap, "shap"), Study(**study)
-    if name == "directions":
-        table = tables.read(paths.directions, "directions")
-        figure, caption = figures.draw_directions(table, shap, study)
-    else:
-        figure, caption = figures.draw(name, shap, study)
+    shap, directions = (tables.read(getattr(paths, of), of) for of in ("shap", "directions"))
+    figure, caption = figures.draw(name, shap, directions, Study(**study))
     save(figure, output.png, output.svg)
     Path(output.caption).write_text(caption + "\n", encoding="utf-8")
 

@@ -11,11 +11,15 @@ DRAWERS = {
 }
 
 
-def draw(name, table, study):
-    """The named figure of a shap table, and its caption; study: `study.Study`.
+def draw(name, table, directions_table, study):
+    """The named figure of a shap and a directions table, and its caption; study: `study.Study`.
 
     Dependence figures are those of the study's couples. Raises KeyError for another name.
     """
+    if name == "directions":
+        with style.styled():
+            figure = directions.picture(directions_table, study)
+        return figure, captions.of_directions(directions_table, table, study)
     if name == "waterfall":
         table = study.instance(table, study.waterfall)
     with style.styled():
@@ -24,10 +28,3 @@ def draw(name, table, study):
         else:
             figure = DRAWERS[name](table, study)
     return figure, captions.caption(name, table, study)
-
-
-def draw_directions(table, shap, study):
-    """The figure of a directions table, and its caption; shap: the shap table beside it."""
-    with style.styled():
-        figure = directions.picture(table, study)
-    return figure, captions.of_directions(table, shap, study)
