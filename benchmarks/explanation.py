@@ -10,19 +10,13 @@ names a folder with `apartment_pair`, also the game of seven causes of that pair
 """
 
 import json
-import os
 import time
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from icpshap import estimators, plan
-from icpshap.data.pair import Pair, describe_pair, relative_pose
-from icpshap.data.poses import read_poses
-from icpshap.data.scans import read_scan
+from benchmarks import real_pairs
 from icpshap.estimators.kind import SAMPLES
-from icpshap.estimators.perturb import Perturbation, Streams
 from icpshap.explanation import games, shapley
 from icpshap.explanation.method import Method
 from icpshap.explanation.scan_pair import ScanPair
@@ -30,7 +24,7 @@ from icpshap.presets import Preset
 from icpshap.tables import INITIAL_XI, XI
 
 RUNS = 100
-SEED = 20260101
+SEED = real_pairs.SEED
 WRONG = [3, 41, 60]
 OFFSET = np.array([0.1, 0.0, 0.05, 0.3, 0.1, 0.0])
 DEVIATION = np.array([0.001, 0.002, 0.003, 0.003, 0.006, 0.01])
@@ -100,47 +94,22 @@ def seconds(causes, values):
     return time.process_time() - start
 
 
-def seconds_of_real_pair(folder):
-    """Seconds of the processor that the game of seven causes takes, of the scans of a folder."""
-    scans = [read_scan(path)[0] for path in sorted((folder / "csv_local").iterdir())]
-    T = relative_pose(read_poses(folder / "leica" / "pose_scanner_leica.csv", 2), 0, 1)
-    preset = Preset.of(**ROBUST)
-    perturbation = Perturbation()
-    estimator = preset.estimator.of_causes(list(LEVELS))
-    pair = Pair.measured(*scans, T, perturbation.overlap_distance)
-    share = LEVELS["partial_overlap"]
-    levels = {name: (level,) for name, level in LEVELS.items()}
-    levels["partial_overlap"] = (share * pair.overlap,)
-    settings = plan.settings(levels, 1)
-    streams = Streams(SEED, "apartment", 0, 1)
-    row = describe_pair(
-        pair,
-        "apartment",
-        (0, 1),
-        levels=(),
-        minimum_overlap=0.1,
-        minimum_range=estimator.perturbing.minimum_range,
-    )
-    scan_pair = ScanPair.of(next(pd.DataFrame([row]).itertuples()))
-    instances = pd.DataFrame(plan.instances(levels), columns=list(levels))
-    instances = instances.rename_axis("instance").reset_index()
-    off = {name: cause.off for name, cause in estimator.causes.items()}
-
-    def registered(settings):
-        return estimators.estimate(pair, settings, estimator, perturbation.deviation, streams)[0]
-
-    registered(settings[:1])  # compiles
+def seconds_of_real_pair():
+    """Seconds of the processor that the game of seven causes takes on the Apartment."""
+    pair = real_pairs.real_pair("apartment")
+    overlap = LEVELS["partial_overlap"] * pair.overlap
+    levels = {**LEVELS, "partial_overlap": overlap}
+    game = real_pairs.Game("apartment", pair, Preset.of(**ROBUST), levels)
+    game.estimated(game.settings[:1])  # compiles
     start = time.process_time()
-    runs = registered(settings)
-    games.explain(runs, None, instances, off, SAMPLES, preset.method, scan_pair)
+    game.explained(*game.estimated())
     return time.process_time() - start
 
 
 def main():
     found = {"seven_causes_cpu_seconds": None}
-    if folder := os.environ.get("ICPSHAP_REAL_DATA"):
-        taken = seconds_of_real_pair(Path(folder, "apartment_pair"))
-        found["seven_causes_cpu_seconds"] = round(taken, 1)
+    if real_pairs.folder():
+        found["seven_causes_cpu_seconds"] = round(seconds_of_real_pair(), 1)
     for name, made in (("instances_1331_seconds", grid), ("instances_100_m7_seconds", apart)):
         found[name] = round(seconds(*made()), 2)
     print(json.dumps(found))
