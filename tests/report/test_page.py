@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
+from html import unescape
 from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
@@ -31,7 +32,7 @@ from known_results import (
 from icpshap import tables
 from icpshap.explanation.method import Method
 from icpshap.jobs import provenance as record
-from icpshap.report import captions, figures
+from icpshap.report import captions, directions, figures
 from icpshap.report import page as report
 from icpshap.report.figures import scene, style
 from icpshap.report.study import pairs_of
@@ -110,6 +111,14 @@ def test_page_states_what_was_run(results):
     for text in ("CC BY 4.0", f"numpy {np.__version__}", "95 % intervals", "run:\n- grid"):
         assert text in results.page
     assert "1 of the paper&#39;s 1 values lie in our intervals." in results.page
+
+
+def test_page_says_of_what_the_directions_are_before_their_sentences(results):
+    section = results.sections[0]
+    opening = directions.opening(section.directions, section.study)
+    (first, *_) = directions.sentences(section.directions, section.study)
+    text = unescape(results.page)
+    assert opening and text.index(opening) < text.index(first)
 
 
 def test_names_from_the_configuration_cannot_break_the_page(results):

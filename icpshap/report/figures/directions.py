@@ -41,6 +41,8 @@ def picture(table, study):
     ]
     axes.set_xticks(np.append(np.arange(len(columns) - 1) + 0.5, len(columns) - 0.4), columns)
     axes.xaxis.tick_top()
+    if len(shown) >= MANY:
+        axes.tick_params(axis="x", labelsize=5.5)
     axes.set_yticks(np.arange(len(rows)) + 0.5, [f"{fill(r.words, 26)} [{r.unit}²]" for r in rows])
     axes.set_xlim(0, len(columns) + 0.2)
     axes.set_ylim(len(rows), 0)
