@@ -79,12 +79,15 @@ class Covariance(NamedTuple):
 class Kind:
     """A kind of estimator; fields of a subclass are its options in the configuration.
 
-    `name` is what `kind:` gives; `sees`: names of the causes that it can see, or None for all.
+    `name` is what `kind:` gives; `sees`: names of the causes that it can see, or None for all;
+    `one_subsample`: whether all runs of a noise draw use one subsample of the source, that of the
+    first of them.
     """
 
     name: ClassVar[str]
     returns: ClassVar[Returns]
     sees: ClassVar[tuple[str, ...] | None] = None
+    one_subsample: ClassVar[bool] = False
 
     def number_of_runs(self, noise_draws):
         """How many starts a setting has; by default one for each noise draw."""

@@ -134,7 +134,9 @@ class Start(NamedTuple):
     """What an estimator gets of a setting: source points (m, 3) [m] and where its runs begin.
 
     usable (m,): the points that causes and range filter leave; rows: of each of r runs, its
-    subsample of the usable ones, ascending; initial_xi (r, 6), T_initial (r, 4, 4): initial poses.
+    subsample of the usable ones, ascending, or of the first alone if the kind uses one subsample;
+    initial_xi (r, 6), T_initial (r, 4, 4): initial poses; initial_deviation (6,): standard
+    deviation of their error [rad x3, m x3].
     """
 
     setting: Setting
@@ -143,6 +145,7 @@ class Start(NamedTuple):
     rows: list
     initial_xi: np.ndarray
     T_initial: np.ndarray
+    initial_deviation: np.ndarray
 
 
 class Group(NamedTuple):
@@ -197,7 +200,7 @@ def require_points(pair, setting, estimator, streams):
     counts = []
     for noise_draw, runs in enumerate(draws.shares()):
         usable = draws.kept(setting, "source", noise_draw) & in_range
-        counts += [len(rows) for rows in draws.thinned(draws.rows(usable, runs), setting, runs)]
+        counts += [len(rows) for rows in draws.subsamples(usable, setting, runs)]
     left = np.mean(counts)
     if left < FEWEST_POINTS:
         on = _on(estimator.causes.values(), setting)
@@ -247,6 +250,7 @@ class Draws:
         self.pair = pair.for_chain(estimator.perturbing.minimum_range)
         self.perturbing = estimator.perturbing
         self.number = estimator.number_of_runs
+        self.one_subsample = estimator.kind.one_subsample
         self.deviation = deviation
         self.streams = streams
         self.subsample = cache(self._subsample)
@@ -291,7 +295,7 @@ class Draws:
             for _, same_mask in _grouped(same_source, lambda s: s.levels_of(self.keeping)):
                 left, usable = self._usable(same_mask[0], reference, source, noise_draw)
                 for _, same_rows in _grouped(same_mask, lambda s: s.levels_of(self.thinning)):
-                    rows = self.thinned(self.rows(usable, runs), same_rows[0], runs)
+                    rows = self.subsamples(usable, same_rows[0], runs)
                     for setting in same_rows:
                         yield Start(setting, left, usable, rows, *self._initial(setting, runs))
 
@@ -326,15 +330,20 @@ class Draws:
         return np.linalg.norm(points, axis=1) > self.perturbing.minimum_range
 
     def _initial(self, setting, runs):
-        """initial_xi (r, 6) [rad, m] and T_initial (r, 4, 4) of the runs of a setting (Eq. 4)."""
+        """initial_xi (r, 6) [rad, m], T_initial (r, 4, 4) and deviation (6,) of runs (Eq. 4)."""
         deviation = self.deviation
         for cause, level in _on(self.starting, setting):
             deviation = cause.start(deviation, level)
         xi = deviation * self.initial_pose_draws[runs]
         T_reference_source = self.pair.T_reference_source
         if self.perturbing.initial_pose_composition == "right":
-            return xi, T_reference_source @ se3.exp(xi)
-        return xi, se3.exp(-xi) @ T_reference_source
+            return xi, T_reference_source @ se3.exp(xi), deviation
+        return xi, se3.exp(-xi) @ T_reference_source, deviation
+
+    def subsamples(self, usable, setting, runs):
+        """Source rows that a setting leaves of the subsample of each run (`Start.rows`)."""
+        runs = runs[:1] if self.one_subsample else runs
+        return self.thinned(self.rows(usable, runs), setting, runs)
 
     def rows(self, usable, runs):
         """Source rows of each run: its subsample of the usable ones (m,), ascending.
