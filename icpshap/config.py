@@ -374,7 +374,8 @@ def _estimator_inconsistencies(name, estimators):
             f"kind {kind} does not return, or noise draws, of which there is one. "
             "Hint: use none, or more noise_draws"
         )
-    for conflict in filter(None, (c.conflict for c in preset.estimator.causes.values())):
+    owners = (preset.estimator.kind, *preset.estimator.causes.values())
+    for conflict in filter(None, (owner.conflict for owner in owners)):
         yield f"estimators.{name}.{conflict}"
     runs = preset.estimator.number_of_runs
     if runs % draws:

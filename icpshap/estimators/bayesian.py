@@ -16,6 +16,7 @@ from icpshap.estimators.perturb import FEWEST_POINTS
 from icpshap.options import option
 
 FEWEST_LINKS = 3  # without which an iteration is skipped
+FEWEST_SAMPLES = 7  # whose covariance can have full rank
 RELEASED_VARIANCE = 0.125  # of the prior, m^2 and rad^2
 
 
@@ -67,8 +68,19 @@ class Bayesian(Kind):
         choices=("released", "initial_pose"),
     )
 
+    @property
+    def conflict(self):
+        samples = self.iterations - self.burn_in
+        if samples >= FEWEST_SAMPLES:
+            return ""
+        return (
+            f"burn_in: {self.burn_in} of {self.iterations} iterations leave {max(0, samples)} "
+            f"samples, expected at least {FEWEST_SAMPLES}. "
+            "Hint: a smaller burn_in or more iterations"
+        )
+
     def number_of_runs(self, noise_draws):
-        return max(0, self.iterations - self.burn_in) * noise_draws
+        return (self.iterations - self.burn_in) * noise_draws
 
     def estimate(self, group):
         from icpshap import icp  # compiled code is loaded where it runs, not where options are read

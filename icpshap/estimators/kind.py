@@ -89,6 +89,11 @@ class Kind:
     sees: ClassVar[tuple[str, ...] | None] = None
     one_subsample: ClassVar[bool] = False
 
+    @property
+    def conflict(self):
+        """What is wrong with its options together, after the name of one of them; "" if nothing."""
+        return ""
+
     def number_of_runs(self, noise_draws):
         """How many starts a setting has; by default one for each noise draw."""
         return noise_draws

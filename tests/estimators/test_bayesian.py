@@ -6,6 +6,7 @@ import pytest
 from drawn_samples import CLEAN, clouds, expected, runs
 from scipy.optimize import brentq
 
+from icpshap import config as configuration
 from icpshap import icp
 from icpshap.estimators import bayesian
 from icpshap.estimators._point_to_point import Errors, errors
@@ -152,6 +153,14 @@ def test_every_state_after_the_burn_in_is_a_sample(room_pair):
     assert list(later["iterations"]) == list(range(11, 31))
     xi = [name for name in every if name.startswith("xi_")]
     pd.testing.assert_frame_equal(every[xi][10:].reset_index(drop=True), later[xi])
+
+
+def test_a_burn_in_that_leaves_too_few_samples_is_refused(config):
+    config["estimators"]["chain"] = {"kind": "bayesian", "iterations": 100, "burn_in": 95}
+    with pytest.raises(
+        configuration.ConfigError, match=r"chain\.burn_in: 95 of 100 iterations leave 5 samples"
+    ):
+        configuration.load(config)
 
 
 def test_the_effective_size_of_an_autoregressive_chain():

@@ -10,7 +10,6 @@ from drawn_samples import (
     DEVIATION,
     NAMES,
     NOISY,
-    REDUCED,
     SETTINGS,
     SPREAD,
     STREAMS,
