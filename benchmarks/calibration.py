@@ -98,6 +98,7 @@ def draw(case, generator):
         xi=xi,
         initial_xi=xi,
         failed=np.zeros((len(ON), RUNS), dtype=bool),
+        no_covariance=np.zeros((len(ON), RUNS), dtype=bool),
         wrong_basin=basins.wrong,
         no_basin=basins.lacking,
         noise_draw=noise_draw if case.deleted == "units" else np.zeros_like(noise_draw),

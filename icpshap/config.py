@@ -356,7 +356,7 @@ def _estimator_inconsistencies(name, estimators):
         )
         return
     preset = Preset.of(**block)
-    returns, draws = preset.estimator.kind.returns, preset.estimator.perturbing.noise_draws
+    returns, draws = preset.estimator.returned, preset.estimator.perturbing.noise_draws
     correction = preset.method.bias_correction
     if correction == "wishart" and not returns.exchangeable:
         yield (
@@ -374,9 +374,16 @@ def _estimator_inconsistencies(name, estimators):
             f"kind {kind} does not return, or noise draws, of which there is one. "
             "Hint: use none, or more noise_draws"
         )
-    parts = [preset.estimator.kind, *preset.estimator.causes.values()]
-    for conflict in filter(None, (part.conflict for part in parts)):
+    owners = (preset.estimator.kind, *preset.estimator.causes.values())
+    for conflict in filter(None, (owner.conflict for owner in owners)):
         yield f"estimators.{name}.{conflict}"
+    fewest = preset.estimator.kind.fewest_noise_draws
+    if draws < fewest:
+        yield (
+            f"estimators.{name}.noise_draws: {draws}, expected at least {fewest}: the sensor's own "
+            "noise is drawn, and fewer draws do not make a covariance. "
+            f"Hint: noise_draws: {fewest}, or sensor_noise_by: closed_form"
+        )
     runs = preset.estimator.number_of_runs
     if runs % draws:
         yield f"estimators.{name}.noise_draws: {draws} does not divide runs: {runs}"
@@ -409,7 +416,7 @@ def _what_the_estimator_cannot(where, block, estimators):
                 f"Hint: noise_draws: {cause.fewest_noise_draws}, in an estimator of its own, or "
                 f"leave out {cause.name}"
             )
-    replacing = [cause for cause in preset.estimator.causes.values() if cause.acts_when_off]
+    replacing = [cause for cause in preset.estimator.causes.values() if cause.replaces]
     for cause in players if replacing else []:
         if cause.hook() in ("keep", "thin") and cause not in replacing:
             yield (

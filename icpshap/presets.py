@@ -71,8 +71,7 @@ ROBUST = PAPER.with_options(
     stop_rotation=1e-5,
     stop_translation=1e-5,
     noise_draws=10,
-    covariance_floor_rotation=1e-4,
-    covariance_floor_translation=1e-3,
+    sensor_sigma=0.01,
     bias_correction="jackknife",
     wrong_basins="leave_out",
 )

@@ -1,5 +1,6 @@
 """The JSON schema of the configuration, made from the options and the causes."""
 
+from collections import defaultdict
 from copy import deepcopy
 from dataclasses import dataclass
 
@@ -298,11 +299,24 @@ def estimator(kind):
 
 
 def _any_estimator():
-    """JSON schema of an estimator of which the kind is not known: keys of all kinds."""
-    properties = {}
+    """JSON schema of an estimator of which the kind is not known: keys of all kinds.
+
+    A key that kinds do not mean alike has a value that is right for one of them.
+    """
+    meanings = defaultdict(list)
     for kind in KINDS:
-        properties |= estimator(kind)["properties"]
+        for name, described in estimator(kind)["properties"].items():
+            if described not in meanings[name]:
+                meanings[name].append(described)
+    properties = {
+        name: found[0] if len(found) == 1 else _any_of(found) for name, found in meanings.items()
+    }
     return {"type": "object", "additionalProperties": False, "properties": properties}
+
+
+def _any_of(found):
+    words = " Or, by kind: ".join(described["description"] for described in found)
+    return {"description": words, "anyOf": found}
 
 
 def _mapping(description, entry):

@@ -90,12 +90,15 @@ def _estimate(name, meaning, unit=_F):
 
 
 def _variants(name):
-    """The same number, had the runs or the floor been treated otherwise."""
+    """The same number, had runs, floor or the sensor's own noise been treated otherwise."""
+    own = "the sensor's own noise, sensor_sigma; NaN where the spread does not hold it"
     return [
         Column(f"{name}_all", "float64", _F, "with every run kept that did not fail"),
         Column(f"{name}_right_basin", "float64", _F, "without the runs in a wrong basin"),
         Column(f"{name}_floor_tenfold", "float64", _F, "with ten times the covariance floor"),
         Column(f"{name}_floor_tenth", "float64", _F, "with a tenth of the covariance floor"),
+        Column(f"{name}_sensor_sigma_twice", "float64", _F, f"with twice {own}"),
+        Column(f"{name}_sensor_sigma_half", "float64", _F, f"with half of {own}"),
     ]
 
 

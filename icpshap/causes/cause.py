@@ -79,7 +79,12 @@ class Cause:
 
     @property
     def acts_when_off(self):
-        """Whether it acts even where it is off or not named; only `released_code` has that."""
+        """Whether it acts even where it is off or not named."""
+        return self.replaces
+
+    @property
+    def replaces(self):
+        """Whether it acts by `replace`; only `released_code` has that."""
         return False
 
     # --- the hooks --------------------------------------------------------------------------------

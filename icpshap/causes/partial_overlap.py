@@ -70,7 +70,7 @@ class PartialOverlap(Cause):
         return ""
 
     @property
-    def acts_when_off(self):
+    def replaces(self):
         """The released code brings the noisy overlap to a rounded ratio even at lambda 0."""
         return self.overlap_removal == "noisy"
 

@@ -14,7 +14,9 @@ from icpshap.options import Range, option
 class SensorNoise(Cause):
     """sigma times one standard normal draw a coordinate, on both clouds.
 
-    With the model of a `sensor` sigma is that of each point's range, times the level.
+    With the model of a `sensor` sigma is that of each point's range, times the level. own [m]: the
+    sensor's own noise, which an estimator may want drawn in every setting: white noise of
+    sqrt(own^2 + sigma^2) from the same draw.
     """
 
     name: ClassVar = "sensor_noise"
@@ -42,6 +44,12 @@ class SensorNoise(Cause):
         variant=True,
     )
 
+    own: float = 0.0
+
+    @property
+    def acts_when_off(self):
+        return self.own > 0
+
     def __post_init__(self):
         if self.sensor != "none":  # the level is a factor
             object.__setattr__(self, "unit", "")
@@ -67,6 +75,8 @@ class SensorNoise(Cause):
 
     def _sigma(self, points, level):
         """Standard deviation [m] of the noise of points (n, 3): a number, or (n, 1)."""
-        if self.sensor == "none":
-            return level
-        return level * SENSORS[self.sensor].published(np.linalg.norm(points, axis=1, keepdims=True))
+        sigma = level
+        if self.sensor != "none":
+            published = SENSORS[self.sensor].published
+            sigma = level * published(np.linalg.norm(points, axis=1, keepdims=True))
+        return np.hypot(self.own, sigma) if self.own else sigma

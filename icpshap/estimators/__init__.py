@@ -4,7 +4,7 @@
 """
 
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -39,7 +39,7 @@ class Estimator:
             return owner(**{name: values[name] for name in options.names(owner) if name in values})
 
         causes = {cause.name: built(cause) for cause in named(CAUSES)}
-        return cls(built(KINDS[kind]), built(Perturbing), causes)
+        return cls(built(KINDS[kind]), built(Perturbing), causes)._with_own_noise()
 
     @classmethod
     def decided(cls, by):
@@ -48,7 +48,25 @@ class Estimator:
             KINDS[by["kind"]](**by["options"]),
             Perturbing(**by["perturbing"]),
             {name: CAUSES[name](**values) for name, values in by["causes"].items()},
-        )
+        )._with_own_noise()
+
+    def _with_own_noise(self):
+        """The same with the sensor's own noise in every setting, if the kind wants it drawn."""
+        noise = self.causes.get("sensor_noise")
+        if noise is None or not self.kind.drawn_sigma:
+            return self
+        own = replace(noise, own=self.kind.drawn_sigma)
+        return replace(self, causes={**self.causes, "sensor_noise": own})
+
+    @property
+    def returned(self):
+        """What comes back of a setting: `kind.Returns`."""
+        found = self.kind.returned(self.perturbing.noise_draws)
+        noise = self.causes.get("sensor_noise")
+        if noise is not None and noise.sensor != "none":
+            # What its noise adds to the sensor's own differs from point to point.
+            return replace(found, sensor_sigma=0.0)
+        return found
 
     @property
     def number_of_runs(self):
@@ -76,7 +94,7 @@ class Estimator:
         """All that decides its numbers, as a mapping that JSON can hold; see `decided`."""
         return {
             "kind": self.kind.name,
-            "options": options.values(self.kind),
+            "options": options.deciding(self.kind),
             "perturbing": options.values(self.perturbing),
             "causes": {name: options.deciding(cause) for name, cause in self.causes.items()},
         }
@@ -102,13 +120,13 @@ def estimate(pair, settings, estimator, deviation, streams):
                 runs[returned.setting].append(_runs_frame(pair, returned))
             else:
                 estimates[returned.setting].append(_estimates_frame(pair, returned))
-    _check_returned(estimator.kind, runs, estimates)
+    _check_returned(estimator, runs, estimates)
     return _in_order(runs, settings), _in_order(estimates, settings)
 
 
-def _check_returned(kind, runs, estimates):
-    """Raise TypeError unless a kind returned what it says."""
-    said = (kind.returns.samples, kind.returns.covariances)
+def _check_returned(estimator, runs, estimates):
+    """Raise TypeError unless an estimator returned what its kind says."""
+    said = (estimator.returned.samples, estimator.returned.covariances)
     if (bool(runs), bool(estimates)) != said:
         words = {
             (True, False): "samples alone",
@@ -117,8 +135,8 @@ def _check_returned(kind, runs, estimates):
             (False, False): "nothing",
         }
         raise TypeError(
-            f"The kind {kind.name} returned {words[bool(runs), bool(estimates)]}, and its "
-            f"`returns` says {words[said]}.\n"
+            f"The kind {estimator.kind.name} returned {words[bool(runs), bool(estimates)]}, and "
+            f"its `returns` says {words[said]}.\n"
             "Hint: yield Samples, Covariance or both for every start."
         )
 

@@ -13,7 +13,7 @@ variance of a point's noise on each coordinate. Censi's terms with the residuals
 by 0.007 at most on the real pair: they are left out.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ from icpshap.estimators.kind import COVARIANCES, UNSHARED, Covariance, of_defini
 from icpshap.options import option
 
 FEWEST_LINKS = 7
+USABLE = ("ok", "max_iterations")  # ends of a run at which it can be linearised
 SINGULAR = 1e-12  # smallest against largest eigenvalue below which a direction is unobservable
 ROUNDING = 2.0**-53  # of one term of a sum, relative; a sum of n terms has rounded n times
 
@@ -66,6 +67,13 @@ class ClosedForm(ChainKind):
         maximum=100,
     )
 
+    def returned(self, noise_draws):
+        return replace(
+            self.returns,
+            sensor_sigma=0.0 if self.noise == "residuals" else self.sensor_sigma,
+            together=self.noise == "known",
+        )
+
     def estimate(self, group):
         from icpshap import icp
 
@@ -91,7 +99,7 @@ class ClosedForm(ChainKind):
 
         status: of that run; one that failed is not linearised.
         """
-        if status not in ("ok", "max_iterations"):
+        if status not in USABLE:
             return failed(status)
         points = start.source[start.rows[0]]
         variances = self.variances(group, start)

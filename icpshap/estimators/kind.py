@@ -17,12 +17,17 @@ class Returns:
     """What an estimator makes of a setting: pose samples, covariances, or both.
 
     exchangeable: whether its samples of one noise draw are independent of one another and alike, so
-    that one of them left out says how sure the rest are.
+    that one of them left out says how sure the rest are. sensor_sigma [m]: the sensor's own noise,
+    if it is in the spread (0: it is not), and in which part: in the scatter of the noise draws
+    (`drawn`) or in the covariances; together with the sensor noise of the setting, or alone.
     """
 
     samples: bool
     covariances: bool
     exchangeable: bool = False
+    sensor_sigma: float = 0.0
+    drawn: bool = False
+    together: bool = True
 
     @property
     def is_deterministic(self):
@@ -98,21 +103,38 @@ def of_definite(status, covariance):
 class Kind:
     """A kind of estimator; fields of a subclass are its options in the configuration.
 
-    `name` is what `kind:` gives; `sees`: names of the causes that it can see, or None for all.
+    `name` is what `kind:` gives; `sees`: names of the causes that it can see, or None for all;
+    `one_subsample`: whether all runs of a noise draw use one subsample of the source, that of the
+    first of them.
     """
 
     name: ClassVar[str]
     returns: ClassVar[Returns]
     sees: ClassVar[tuple[str, ...] | None] = None
-
-    def number_of_runs(self, noise_draws):
-        """How many starts a setting has; by default one for each noise draw."""
-        return noise_draws
+    one_subsample: ClassVar[bool] = False
 
     @property
     def conflict(self):
         """What is wrong with its options together, after the name of one of them; "" if nothing."""
         return ""
+
+    def number_of_runs(self, noise_draws):
+        """How many starts a setting has; by default one for each noise draw."""
+        return noise_draws
+
+    def returned(self, noise_draws):
+        """What comes back from so many noise draws: a `Returns`."""
+        return self.returns
+
+    @property
+    def drawn_sigma(self):
+        """Standard deviation [m] of the sensor's own noise, drawn in every setting; 0 for none."""
+        return 0.0
+
+    @property
+    def fewest_noise_draws(self):
+        """The number of noise draws below which its options cannot be what they say."""
+        return 1
 
     def estimate(self, group):
         """Yields `Samples`, `Covariance` or both for every start of a perturb.Group."""

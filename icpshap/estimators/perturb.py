@@ -134,8 +134,9 @@ class Start(NamedTuple):
     """What an estimator gets of a setting: source points (m, 3) [m] and where its runs begin.
 
     usable (m,): the points that causes and range filter leave; rows: of each of r runs, its
-    subsample of the usable ones, ascending; initial_xi (r, 6), T_initial (r, 4, 4): initial poses.
-    Settings of which only the initial poses differ hold the same `rows`, one after the other.
+    subsample of the usable ones, ascending, or of the first alone if the kind uses one subsample;
+    initial_xi (r, 6), T_initial (r, 4, 4): initial poses. Settings of which only the initial poses
+    differ hold the same `rows`, one after the other.
 
     For estimators that are told the perturbation instead of drawing it: initial_deviation (6,)
     [rad x3, m x3] of the initial poses, source_variance (m,) [m^2] of the white noise on each
@@ -208,7 +209,7 @@ def require_points(pair, setting, estimator, streams):
     counts = []
     for noise_draw, runs in enumerate(draws.shares()):
         usable = draws.kept(setting, "source", noise_draw) & in_range
-        counts += [len(rows) for rows in draws.thinned(draws.rows(usable, runs), setting, runs)]
+        counts += [len(rows) for rows in draws.subsamples(usable, setting, runs)]
     left = np.mean(counts)
     if left < FEWEST_POINTS:
         on = _on(estimator.causes.values(), setting)
@@ -235,11 +236,14 @@ def batches(starts, size):
         yield batch
 
 
-def alike(starts):
-    """Lists of consecutive starts that differ in their initial poses alone."""
+def alike(starts, field="rows"):
+    """Lists of consecutive starts with the same `rows`, or the same `usable` points.
+
+    Those with the same rows differ in their initial poses alone.
+    """
     same = []
     for start in starts:
-        if same and start.rows is not same[0].rows:
+        if same and getattr(start, field) is not getattr(same[0], field):
             yield same
             same = []
         same.append(start)
@@ -270,6 +274,7 @@ class Draws:
         self.pair = pair.for_chain(estimator.perturbing.minimum_range)
         self.perturbing = estimator.perturbing
         self.number = estimator.number_of_runs
+        self.one_subsample = estimator.kind.one_subsample
         self.deviation = deviation
         self.streams = streams
         self.subsample = cache(self._subsample)
@@ -277,7 +282,7 @@ class Draws:
         self.moving, self.keeping, self.starting, self.thinning = (
             [cause for cause in causes if cause.hook() == hook] for hook in HOOKS
         )
-        self.replacing = [cause for cause in causes if cause.acts_when_off]
+        self.replacing = [cause for cause in causes if cause.replaces]
 
     @cached_property
     def initial_pose_draws(self):
@@ -291,7 +296,7 @@ class Draws:
     def moved(self, setting, scan, noise_draw):
         """The reference or the source (n, 3) [m] of a setting, as it is measured."""
         points = getattr(self.pair, scan)
-        for cause, level in _on(reversed(self.moving), setting):
+        for cause, level in self._moves(setting):
             if scan in cause.scans:
                 points = cause.move(points, scan, level, noise_draw, self.streams)
         return points
@@ -299,15 +304,20 @@ class Draws:
     def seen_reference(self, setting, moved, noise_draw):
         """The reference (k, 3) [m] that an estimator sees, from the measured one (n, 3)."""
         points = moved
-        for cause, level in _on(reversed(self.moving), setting):
+        for cause, level in self._moves(setting):
             points = cause.move_again(points, "reference", level, noise_draw, self.streams)
         usable = self.kept(setting, "reference", noise_draw) & self._in_range(points)
         return points[usable]
 
+    def _moves(self, setting):
+        """(cause, level) of the causes that move points in a setting, in the order they act in."""
+        levels = ((cause, setting.level(cause)) for cause in reversed(self.moving))
+        return [(c, level) for c, level in levels if level != c.off or c.acts_when_off]
+
     def noise_variance(self, setting, scan, points):
         """Variance [m^2] (n,) of the white noise on each coordinate of perturbed points (n, 3)."""
         variance = np.zeros(len(points))
-        for cause, level in _on(self.moving, setting):
+        for cause, level in self._moves(setting):
             if scan in cause.scans:
                 variance += cause.noise_variance(points, scan, level)
         return variance
@@ -323,7 +333,7 @@ class Draws:
                 left, usable = self._usable(same_mask[0], reference, source, noise_draw)
                 variance = self.noise_variance(same_mask[0], "source", left)
                 for _, same_rows in _grouped(same_mask, lambda s: s.levels_of(self.thinning)):
-                    rows = self.thinned(self.rows(usable, runs), same_rows[0], runs)
+                    rows = self.subsamples(usable, same_rows[0], runs)
                     for setting in same_rows:
                         initial = self._initial(setting, runs)
                         yield Start(setting, left, usable, rows, *initial, variance)
@@ -371,6 +381,11 @@ class Draws:
         if self.perturbing.initial_pose_composition == "right":
             return xi, T_reference_source @ se3.exp(xi), deviation
         return xi, se3.exp(-xi) @ T_reference_source, deviation
+
+    def subsamples(self, usable, setting, runs):
+        """Source rows that a setting leaves of the subsample of each run (`Start.rows`)."""
+        runs = runs[:1] if self.one_subsample else runs
+        return self.thinned(self.rows(usable, runs), setting, runs)
 
     def rows(self, usable, runs):
         """Source rows of each run: its subsample of the usable ones (m,), ascending.

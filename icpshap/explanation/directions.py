@@ -59,7 +59,7 @@ def directions_table(replicates, instances, rows, method, pair):
     parts = []
     for name in DIRECTIONS:
         if name in ERRORS:
-            found = _of_errors(ERRORS[name], replicates, rows, method)
+            found = _of_errors(ERRORS[name], replicates, rows, method.of_errors)
         else:
             found = _of_variances(vectors[name], replicates, rows, method)
         part = {

@@ -105,7 +105,9 @@ def remarks(sample, method, n_used, clean_floor_share, clean_memory):
         )
     elif n_used < sample.fewest:
         runs = "runs" if sample.returns.samples else "noise draws"
-        found.append(f"only {n_used} {runs} left, fewer than {sample.fewest}: no value")
+        lack = " (their covariance failed, or is that of another basin)"
+        lack *= bool(sample.no_covariance.any())
+        found.append(f"only {n_used} {runs} left{lack}, fewer than {sample.fewest}: no value")
     if clean_floor_share > LARGE_SHARE:
         found.append(
             f"the floor makes up {clean_floor_share:.0%} of the clean variance in one direction"

@@ -19,6 +19,7 @@ from icpshap.explanation.doubts import (
 )
 from icpshap.explanation.pose_errors import pose_error_columns
 from icpshap.explanation.sample import Sample, samples
+from icpshap.explanation.sensor_sigma import with_sensor_sigma
 from icpshap.explanation.shares import explain_shares, wrong_basin_shares
 from icpshap.explanation.shrinking import shrinking_columns
 from icpshap.explanation.uncertainty import (
@@ -212,6 +213,8 @@ def shap_table(replicates, instances, rows, off, method):
         "right_basin": explain_games(replicates, rows, method, leave_out=True, intervals=False),
         "floor_tenfold": explain_games(replicates, rows, method.with_floor(10.0), intervals=False),
         "floor_tenth": explain_games(replicates, rows, method.with_floor(0.1), intervals=False),
+        "sensor_sigma_twice": _of_other_sensor(replicates, rows, method, 2.0),
+        "sensor_sigma_half": _of_other_sensor(replicates, rows, method, 0.5),
     }
     n_right_basin = variants["right_basin"].n_used.min(axis=0)
     null_mean, null_95 = null(n_used, replicates[0], method)
@@ -240,6 +243,14 @@ def shap_table(replicates, instances, rows, off, method):
     }
     explained = instances[["instance", *causes]].reset_index(drop=True)
     return pd.concat([explained, pd.DataFrame(columns, index=explained.index)], axis=1)
+
+
+def _of_other_sensor(replicates, rows, method, times):
+    """`Explained` of games, had the sensor's own noise been `times` as large; else NaN."""
+    others = [with_sensor_sigma(sample, times) for sample in replicates]
+    if others[0] is None:
+        others = [Sample.without_runs(s.causes, s.settings, s.returns) for s in replicates]
+    return explain_games(others, rows, method, intervals=False)
 
 
 def _share_columns(causes, replicates, rows, shares):

@@ -70,6 +70,11 @@ class Method:
         return replace(self, divergence="kl") if self.reading.bounded else self
 
     @property
+    def of_errors(self):
+        """The same for squared errors, which need no covariance."""
+        return replace(self, divergence="translation_rmse")
+
+    @property
     def floor(self):
         return self.covariance_floor_rotation, self.covariance_floor_translation
 

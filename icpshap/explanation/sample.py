@@ -27,8 +27,9 @@ class Sample:
     A run is a pose sample or, of an estimator that returns covariances alone, its estimate in one
     noise draw. causes (M) names; settings (S, M) their values; again (S,) marks the clean setting
     with random draws of its own; xi and initial_xi (S, n, 6) errors of final and initial pose,
-    rotation [rad] first; failed, wrong_basin (S, n); no_basin (S,): the runs of the setting have
-    no basin of their own; noise_draw (n,) which one a run used; weight (n,) of the samples;
+    rotation [rad] first; failed, wrong_basin (S, n); no_covariance (S, n): the covariance that
+    belongs to the samples of their noise draw failed, or is that of another basin; no_basin (S,):
+    the runs of the setting have no basin of their own; noise_draw (n,) which one a run used; weight (n,) of the samples;
     covariance (S, K, 6, 6) [rad, m] of each noise draw, or None; length [m]: the pair's
     characteristic length; last_f: what `uncertainty.evaluate` found last.
     """
@@ -39,6 +40,7 @@ class Sample:
     xi: np.ndarray
     initial_xi: np.ndarray
     failed: np.ndarray
+    no_covariance: np.ndarray
     wrong_basin: np.ndarray
     no_basin: np.ndarray
     noise_draw: np.ndarray
@@ -61,6 +63,7 @@ class Sample:
             xi=xi,
             initial_xi=xi,
             failed=marks,
+            no_covariance=marks,
             wrong_basin=marks,
             no_basin=again,
             noise_draw=np.zeros(0),
@@ -214,17 +217,22 @@ def _sample(runs, estimates, causes, returns, method, length):
     covariance = None
     if estimates is not None:
         covariance = _covariances(estimates, len(first))
-        of_draws = _failed(estimates).reshape(len(first), -1)
-        failed = failed | of_draws[:, np.searchsorted(np.unique(noise_draw), noise_draw)]
     weight = runs["weight"].to_numpy(dtype=float).reshape(-1, n)
     if not (weight == weight[0]).all():
         raise UserError(
             "The weights of the samples differ between settings, and a sample is left out of all.\n"
             "Hint: an estimator gives sample k the same weight in every setting."
         )
-    wrong_basin, no_basin = np.zeros_like(failed), np.zeros(len(first), dtype=bool)
+    no_covariance, wrong_basin = np.zeros((2, *failed.shape), dtype=bool)
+    no_basin = np.zeros(len(first), dtype=bool)
     if returns.samples:
         wrong_basin, no_basin = _basins(xi, failed, method, length)
+    if returns.samples and estimates is not None:
+        # A covariance at a pose in another basin than that of the runs says nothing of these.
+        poses = estimates[XI].to_numpy(dtype=float).reshape(len(first), -1, 6)
+        useless = _failed(estimates).reshape(len(first), -1)
+        useless = useless | _apart(poses, xi, failed, method, length)
+        no_covariance = useless[:, np.searchsorted(np.unique(noise_draw), noise_draw)]
     return Sample(
         causes=causes,
         settings=first[list(causes)].to_numpy(dtype=float),
@@ -232,6 +240,7 @@ def _sample(runs, estimates, causes, returns, method, length):
         xi=xi,
         initial_xi=runs[INITIAL_XI].to_numpy(dtype=float).reshape(-1, n, 6),
         failed=failed,
+        no_covariance=no_covariance,
         wrong_basin=wrong_basin,
         no_basin=no_basin,
         noise_draw=noise_draw,
@@ -248,6 +257,13 @@ def mark_wrong_basins(runs, method, length):
     length [m]: the pair's characteristic length.
     """
     return _basins(runs[XI].to_numpy(dtype=float), _failed(runs), method, length).wrong
+
+
+def _apart(poses, xi, failed, method, length):
+    """Which poses (S, K, 6) of the estimates are in a wrong basin of their setting's runs."""
+    together = np.concatenate([xi, poses], axis=1)
+    lost = np.concatenate([failed, np.isnan(poses).any(axis=-1)], axis=1)
+    return _basins(together, lost, method, length).wrong[:, xi.shape[1] :]
 
 
 def _failed(table):

@@ -55,7 +55,7 @@ def _errors(replicates, rows, method):
 
     Those of the directions table: roots of the mean squared errors over all replicates.
     """
-    method = method.of_covariances
+    method = method.of_errors
     found = {}
     for name, number in ERRORS.items():
         square = over_replicates(

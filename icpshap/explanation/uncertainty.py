@@ -113,6 +113,8 @@ def kept_runs(sample, games, method, leave_out=None):
     if leave_out is None:
         leave_out = method.leaves_out_wrong_basins and not reading.bounded
     dropped = sample.lost if leave_out else sample.failed
+    if reading.compares_with_clean:  # as those of covariances do
+        dropped = dropped | sample.no_covariance
     return ~dropped[games].any(axis=1)
 
 

@@ -253,7 +253,7 @@ class Plans:
             "estimation": digest(self._estimation(experiment, sequence)),
             "off": {name: estimator.causes[name].off for name in found.causes},
             "levels": {name: list(levels) for name, levels in found.levels.items()},
-            "returns": asdict(estimator.kind.returns),
+            "returns": asdict(estimator.returned),
             **self._variants(experiment),
             "method": options.values(self.config.estimators[found.estimator].method),
             "plugins": digests.plugin_names(estimator),

@@ -190,7 +190,7 @@ def _plans_of(planner, name, sequence):
         yield overlap, "overlap", lambda p=pair: planner.overlap(sequence, p)
         checked = at(paths.PAIR, **names, **indices)
         yield checked, "pairs", lambda p=pair: planner.pair(name, sequence, p)
-    returns = planner.estimator(name).kind.returns
+    returns = planner.estimator(name).returned
     made = [
         (paths.RUNS, "runs", returns.samples),
         (paths.ESTIMATES, "estimates", returns.covariances),

@@ -18,7 +18,8 @@ class Study:
     causes: names, in the order of the registry; dependence: couples [a, b] of them, a figure each
     of the Shapley value of a, coloured by b; titles: names of sequences by their keys; waterfall:
     the instance shown alone, a value for each cause; variants: options of the causes that are a
-    variant, by name of the cause. The rest are keys of the configuration.
+    variant, by name of the cause; options: those of the estimator's kind. The rest are keys of the
+    configuration.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Study:
     titles: dict = field(default_factory=dict)
     waterfall: dict | None = None
     variants: dict = field(default_factory=dict)
+    options: dict = field(default_factory=dict)
 
     @property
     def unit(self):
@@ -47,7 +49,12 @@ class Study:
     @property
     def returns(self):
         """What the estimator makes of a setting: `estimators.kind.Returns`."""
-        return estimators.KINDS[self.kind].returns
+        return self.estimator_kind.returned(self.noise_draws)
+
+    @property
+    def estimator_kind(self):
+        """The estimator's kind with its options: a `estimators.kind.Kind`."""
+        return estimators.KINDS[self.kind](**self.options)
 
     @property
     def repeats(self):

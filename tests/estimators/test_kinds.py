@@ -24,12 +24,13 @@ SETTINGS = [
     for sigma in (0.0, 0.02)
     for level in (0.0, 0.1)
 ]
+FEWER = {"runs": 12, "particles": 12, "iterations": 40, "burn_in": 10, "maximum_iterations": 20}
 
 
 def estimator(kind, **values):
     found = Estimator.of(kind, {"subsampling_probability": 0.2, "noise_draws": 2, **values})
-    if "runs" in options.names(found.kind):
-        found = replace(found, kind=replace(found.kind, runs=12))
+    fewer = {name: FEWER[name] for name in options.names(found.kind) if name in FEWER}
+    found = replace(found, kind=replace(found.kind, **fewer))
     return found.of_causes(NAMES)
 
 

@@ -113,7 +113,20 @@ class TestBoth:
         runs, table = runs_table(noise_draws=2), estimates_table(2)
         table.loc[(table["noise_draw"] == 1) & (table["sensor_noise"] > 0), "status"] = "degenerate"
         row = explain_one(runs, table, BOTH)
-        assert (row["n_failed"], row["n_used"]) == (50, 50)
+        assert (row["n_failed"], row["n_used"]) == (0, 50)
+        assert row["wrong_basin_share"] == 0  # the runs did not fail
+
+    def test_a_covariance_in_another_basin_than_the_runs_is_none(self):
+        runs, table = runs_table(), estimates_table()
+        table[XI] = 0.0
+        there = explain_one(runs, table, BOTH)
+        assert np.isfinite(there["f"])
+        table.loc[table["sensor_noise"] > 0, "xi_3"] = 0.5
+        row = explain_one(runs, table, BOTH)
+        assert np.isnan(row["f"]) and row["n_used"] == 0
+        assert "only 0 runs left (their covariance failed, or is that of another" in row["warning"]
+        assert row["wrong_basin_share"] == there["wrong_basin_share"] == 0
+        assert row["translation_rmse"] == there["translation_rmse"]
 
     def test_intervals_are_over_runs(self):
         row = explain_one(runs_table(), estimates_table(), BOTH)

@@ -82,7 +82,7 @@ def experiments_that_return(samples, covariances):
     names = [
         name
         for name, experiment in CONFIG.experiments.items()
-        for returns in [CONFIG.estimators[experiment.estimator].estimator.kind.returns]
+        for returns in [CONFIG.estimators[experiment.estimator].estimator.returned]
         if (returns.samples, returns.covariances) == (samples, covariances)
     ]
     return "|".join(names) or "(?!)"
@@ -122,7 +122,7 @@ def estimator_of(wildcards):
 
 
 def returns_of(wildcards):
-    return estimator_of(wildcards).kind.returns
+    return estimator_of(wildcards).returned
 
 
 def method_of(wildcards):
@@ -354,6 +354,7 @@ def study_of(wildcards):
         "titles": {key: CONFIG.data[key].title for key in experiment.pairs},
         "waterfall": experiment.waterfall,
         "variants": PLANS.variants(experiment.name),
+        "options": options.values(preset.estimator.kind),
     }
 
 
