@@ -72,7 +72,7 @@ class MonteCarlo(ChainKind, Runs):
             self.returns,
             covariances=self._adds_closed_form,
             sensor_sigma=self.sensor_sigma,
-            drawn=not self._adds_closed_form,
+            drawn=self.drawn_sigma > 0,
             # Several draws vary what the setting's own noise does; one does not.
             together=noise_draws == 1 or not self._adds_closed_form,
         )

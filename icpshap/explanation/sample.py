@@ -29,9 +29,9 @@ class Sample:
     with random draws of its own; xi and initial_xi (S, n, 6) errors of final and initial pose,
     rotation [rad] first; failed, wrong_basin (S, n); no_covariance (S, n): the covariance that
     belongs to the samples of their noise draw failed, or is that of another basin; no_basin (S,):
-    the runs of the setting have no basin of their own; noise_draw (n,) which one a run used; weight (n,) of the samples;
-    covariance (S, K, 6, 6) [rad, m] of each noise draw, or None; length [m]: the pair's
-    characteristic length; last_f: what `uncertainty.evaluate` found last.
+    the runs of the setting have no basin of their own; noise_draw (n,) which one a run used; weight
+    (n,) of the samples; covariance (S, K, 6, 6) [rad, m] of each noise draw, or None; length [m]:
+    the pair's characteristic length; last_f: what `uncertainty.evaluate` found last.
     """
 
     causes: tuple
