@@ -56,6 +56,7 @@ _NULL = [
     Column("null_95", "float64", _F, "95 % quantile of f between such samples"),
 ]
 _W = "share of runs that failed or ended in a wrong basin; NaN where there is no basin"
+_WORTH = "independent samples that runs, or the states of a chain, are worth"
 _REASON = Column("reason", "string", "", "why the pair was not registered; empty if it was")
 _REMARKS = [
     Column("warning", "string", "", "what makes these numbers doubtful; empty if nothing"),
@@ -267,6 +268,7 @@ def _uncertainty(causes):
         *_estimate("wrong_basin_share", f"W: {_W}", ""),
         Column("no_basin", "bool", "", "fewer than half of its runs lie together"),
         Column("n_used", "int32", "", "runs that f is computed from"),
+        Column("n_effective", "float64", "", f"{_WORTH}; NaN where that is not known"),
         Column("logdet", "float64", "", "log determinant of the covariance [rad, m], with floor"),
         Column("condition", "float64", "", "its condition number, rad and m counted alike"),
         Column(
@@ -321,6 +323,7 @@ def _shap(causes):
         *_NULL,
         Column("n_runs", "int32", "", "runs of a setting"),
         Column("n_used", "int32", "", "runs of a setting that the values are computed from"),
+        Column("n_effective", "float64", "", f"{_WORTH}, in the setting that has least"),
         Column("n_failed", "int32", "", "runs that failed in a setting of the instance"),
         Column("n_wrong_basin", "int32", "", "runs in a wrong basin in a setting of the instance"),
         Column(

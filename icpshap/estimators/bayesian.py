@@ -35,7 +35,7 @@ class Bayesian(Kind):
     """
 
     name: ClassVar = "bayesian"
-    returns: ClassVar = Returns(samples=True, covariances=False)
+    returns: ClassVar = Returns(samples=True, covariances=False, chain=True)
     one_subsample: ClassVar = True
 
     variant: int = option(
@@ -77,6 +77,12 @@ class Bayesian(Kind):
             f"burn_in: {self.burn_in} of {self.iterations} iterations leave {max(0, samples)} "
             f"samples, expected at least {FEWEST_SAMPLES}. "
             "Hint: a smaller burn_in or more iterations"
+        )
+
+    def spread(self, noise_draws):
+        return (
+            "The spread is that of the states of a Markov chain (stochastic gradient Langevin "
+            "dynamics) at a likelihood of 1 m a point, whatever the sensor's noise is."
         )
 
     def number_of_runs(self, noise_draws):

@@ -21,7 +21,7 @@ import numpy as np
 from icpshap import se3
 from icpshap.estimators import perturb
 from icpshap.estimators._chain import ChainKind
-from icpshap.estimators.kind import COVARIANCES, UNSHARED, Covariance, of_definite
+from icpshap.estimators.kind import COVARIANCES, UNSHARED, Covariance, of_definite, told
 from icpshap.options import option
 
 FEWEST_LINKS = 7
@@ -73,6 +73,25 @@ class ClosedForm(ChainKind):
             sensor_sigma=0.0 if self.noise == "residuals" else self.sensor_sigma,
             together=self.noise == "known",
         )
+
+    def spread(self, noise_draws):
+        metric = "tangent planes" if self.metric == "point_to_plane" else "points"
+        links = "shared by the links of a point" if self.links == "shared" else "of each link"
+        text = (
+            f"The covariance is what white noise of the points ({links}) does to the minimum over "
+            f"{metric}, in closed form with matches and normals held (Censi), {self._told}"
+        )
+        if self.metric == "point_to_point":
+            text += "; for points that is wrong in principle, and here to be compared"
+        return f"{text}."
+
+    @property
+    def _told(self):
+        """What noise it was told, in words."""
+        if self.noise == "residuals":
+            return "as large as the residuals of the kept links, which trimming makes too small"
+        also = " and the sensor noise of the setting" * (self.noise == "known")
+        return f"told {told(self.sensor_sigma)} for the sensor's own{also}"
 
     def estimate(self, group):
         from icpshap import icp

@@ -39,6 +39,12 @@ class Fitness(ChainKind):
         choices=("hdl_graph_slam", "lio_sam"),
     )
 
+    def spread(self, noise_draws):
+        return (
+            "The covariance is a formula of the mean squared distance to the nearest points, with "
+            f"the constants of {self.formula}: it knows no direction, and was told no noise."
+        )
+
     def estimate(self, group):
         from icpshap import icp
 

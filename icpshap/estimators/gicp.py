@@ -67,6 +67,15 @@ class Gicp(Kind):
         maximum=1e6,
     )
 
+    def spread(self, noise_draws):
+        scale = "a noise of 1 m in the plane of each point"
+        if self.scale == "residuals":
+            scale = "the noise that the weighted residuals suggest"
+        return (
+            f"The covariance is the inverse Hessian of generalised ICP, for {scale}; it was told "
+            "no noise of the sensor."
+        )
+
     def estimate(self, group):
         reference = Planar.of(group.reference, self.neighbours)
         for same in perturb.alike(group.starts):

@@ -17,7 +17,8 @@ class Returns:
     """What an estimator makes of a setting: pose samples, covariances, or both.
 
     exchangeable: whether its samples of one noise draw are independent of one another and alike, so
-    that one of them left out says how sure the rest are. sensor_sigma [m]: the sensor's own noise,
+    that one of them left out says how sure the rest are; chain: whether those of one draw are the
+    states of a Markov chain, in their order. sensor_sigma [m]: the sensor's own noise,
     if it is in the spread (0: it is not), and in which part: in the scatter of the noise draws
     (`drawn`) or in the covariances; together with the sensor noise of the setting, or alone.
     """
@@ -25,6 +26,7 @@ class Returns:
     samples: bool
     covariances: bool
     exchangeable: bool = False
+    chain: bool = False
     sensor_sigma: float = 0.0
     drawn: bool = False
     together: bool = True
@@ -99,6 +101,11 @@ def of_definite(status, covariance):
     return status if np.isfinite(covariance).all() else "degenerate"
 
 
+def told(sigma):
+    """A standard deviation [m] in words."""
+    return f"{100 * sigma:g} cm"
+
+
 @dataclass(frozen=True)
 class Kind:
     """A kind of estimator; fields of a subclass are its options in the configuration.
@@ -125,6 +132,10 @@ class Kind:
     def returned(self, noise_draws):
         """What comes back from so many noise draws: a `Returns`."""
         return self.returns
+
+    def spread(self, noise_draws):
+        """What the spread of a setting is made of, and what noise it was told: sentences."""
+        return ""
 
     @property
     def drawn_sigma(self):

@@ -7,7 +7,7 @@ import numpy as np
 
 from icpshap.estimators import closed_form, perturb
 from icpshap.estimators._chain import ChainKind
-from icpshap.estimators.kind import SAMPLES, Covariance, Samples
+from icpshap.estimators.kind import SAMPLES, Covariance, Samples, told
 from icpshap.options import option
 
 FEWEST_DRAWS = 10  # from which the scatter of draws is a covariance
@@ -75,6 +75,26 @@ class MonteCarlo(ChainKind, Runs):
             drawn=self.drawn_sigma > 0,
             # Several draws vary what the setting's own noise does; one does not.
             together=noise_draws == 1 or not self._adds_closed_form,
+        )
+
+    def spread(self, noise_draws):
+        runs = (
+            "The spread of a setting is that of its runs: of initial poses, of subsamples and of "
+        )
+        runs += "where the iteration stops"
+        if not self.sensor_sigma:
+            return f"{runs}; what the sensor's own noise adds to it is left out."
+        own = told(self.sensor_sigma)
+        if self.drawn_sigma:
+            return (
+                f"{runs}, and of white noise of {own} for the sensor's own, drawn on both scans in "
+                f"each of {noise_draws} noise draws of every setting: an upper bound, since the "
+                "scans hold their own already."
+            )
+        also = " and of the setting's sensor noise" * (noise_draws == 1)
+        return (
+            f"{runs}. Added is the closed form of the sensor's own noise, told {own}{also}, of all "
+            "usable points with matches held: a lower bound, since matches and normals change."
         )
 
     @property

@@ -72,6 +72,12 @@ class Stein(Kind):
         maximum=1e6,
     )
 
+    def spread(self, noise_draws):
+        return (
+            "The spread is that of particles that repel one another (Stein ICP), at a likelihood "
+            f"of {self.likelihood_sigma:g} m a point, whatever the sensor's noise is."
+        )
+
     def number_of_runs(self, noise_draws):
         return self.particles * noise_draws
 

@@ -65,6 +65,12 @@ class SteinNewton(Kind):
         maximum=1e6,
     )
 
+    def spread(self, noise_draws):
+        return (
+            "The spread is that of particles that take Newton steps (SVN-ICP) at a likelihood of "
+            "1 m a point of one subsample, whatever the sensor's noise is."
+        )
+
     def number_of_runs(self, noise_draws):
         return self.particles * noise_draws
 

@@ -41,6 +41,18 @@ class Unscented(ClosedForm):
         "large as the noise; it hides what other causes do",
     )
 
+    def spread(self, noise_draws):
+        bias = " and of a bias of all points as large" * self.bias
+        return (
+            "The covariance is the scatter of the ends of 12 sigma points of the initial pose "
+            "about that of the true one, and what white noise of the points"
+            f"{bias} does there in closed form, {self._told} (Brossard)."
+        )
+
+    def returned(self, noise_draws):
+        # How much of it the sensor's own noise makes is not kept apart.
+        return self.returns
+
     @property
     def conflict(self):
         if self.bias and self.metric == "point_to_point":

@@ -4,6 +4,7 @@ import numpy as np
 
 from icpshap.explanation import readings
 from icpshap.explanation.patterns import alike
+from icpshap.explanation.sample import FEWEST_RUNS
 from icpshap.explanation.uncertainty import estimate, kept_runs, perturbed
 
 AGAIN_PROBABILITY = 0.99
@@ -22,17 +23,25 @@ def clean_again(sample, method):
     return estimate(sample, game, perturbed, method, intervals=False).value[0, 0]
 
 
+def independent(n_used, sample, games):
+    """How many independent samples (i,) the settings of games (i, g) have, at least."""
+    if sample.returns.chain:
+        return np.nan_to_num(sample.effective[games].min(axis=1)).astype(int)
+    return n_used
+
+
 def null(n_used, sample, method):
     """Mean and 95 % quantile of f where nothing is perturbed, for independent runs: (...) each.
 
-    0 for a deterministic estimator, whose f is exactly that; NaN where there is no null.
+    n_used: of `independent`. 0 for a deterministic estimator, whose f is exactly that; NaN where
+    there is no null.
     """
     if sample.returns.is_deterministic and method.reading.compares_with_clean:
         return np.zeros((2, *np.shape(n_used)))
     numbers, inverse = np.unique(n_used, return_inverse=True)
     found = np.full((2, len(numbers)), np.nan)
-    if sample.returns.exchangeable:
-        for column in np.flatnonzero(numbers >= sample.fewest):
+    if sample.returns.exchangeable or sample.returns.chain:
+        for column in np.flatnonzero(numbers >= FEWEST_RUNS):
             n = int(numbers[column])
             corrected = method.bias_correction != "none"
             found[0, column] = readings.null_mean(method.divergence, n, corrected)

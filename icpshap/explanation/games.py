@@ -12,6 +12,7 @@ from icpshap.explanation.directions import directions_table
 from icpshap.explanation.doubts import (
     clean_again,
     degeneracy,
+    independent,
     no_interval,
     null,
     remarks,
@@ -149,7 +150,7 @@ def uncertainty_table(sample, reference, method):
     if method.reading.counts_failed:  # f is that share: one interval a number
         f = with_ends(f, share_low[:, None], share_high[:, None])
     n_used = kept_runs(sample, games, method).sum(axis=1)
-    null_mean, null_95 = null(n_used, sample, method)
+    null_mean, null_95 = null(independent(n_used, sample, games), sample, method)
     covariance = degeneracy(sample, games, method)
     return pd.DataFrame(
         {
@@ -170,6 +171,7 @@ def uncertainty_table(sample, reference, method):
             "wrong_basin_share_high": share_high,
             "no_basin": sample.no_basin,
             "n_used": n_used,
+            "n_effective": sample.effective,
             **covariance,
             **pose_error_columns(sample),
             "warning": [
@@ -217,7 +219,8 @@ def shap_table(replicates, instances, rows, off, method):
         "sensor_sigma_half": _of_other_sensor(replicates, rows, method, 0.5),
     }
     n_right_basin = variants["right_basin"].n_used.min(axis=0)
-    null_mean, null_95 = null(n_used, replicates[0], method)
+    worth = independent(n_used, replicates[0], rows[0])
+    null_mean, null_95 = null(worth, replicates[0], method)
     columns = {
         "base_value": found.base_value.value[:, 0],
         **columns_of(["f"], found.f),
@@ -235,6 +238,9 @@ def shap_table(replicates, instances, rows, off, method):
         "null_95": null_95,
         "n_runs": sum(sample.xi.shape[1] for sample in replicates),
         "n_used": found.n_used.sum(axis=0),
+        "n_effective": sum(
+            sample.effective[row].min(axis=1) for sample, row in zip(replicates, rows, strict=True)
+        ),
         "n_failed": _runs_anywhere([sample.failed for sample in replicates], rows),
         "n_wrong_basin": _runs_anywhere([sample.wrong_basin for sample in replicates], rows),
         "interval_over": "replicates" if len(replicates) > 1 else replicates[0].units,

@@ -14,6 +14,7 @@ from icpshap.errors import UserError
 from icpshap.estimators.kind import Returns
 from icpshap.explanation import readings
 from icpshap.explanation.basins import find_basins
+from icpshap.explanation.chains import effective_sample_size
 from icpshap.tables import COVARIANCE, INITIAL_XI, XI
 
 FEWEST_RUNS = 50  # independent ones, from which a covariance is computed
@@ -79,6 +80,25 @@ class Sample:
         if self.returns.exchangeable:
             return FEWEST_RUNS
         return FEWEST_SAMPLES if self.returns.samples else 1
+
+    @cached_property
+    def effective(self):
+        """How many independent samples those of each setting are worth (S,): all of Monte Carlo's.
+
+        Of the states of a chain the effective sample size, summed over noise draws; NaN for samples
+        of which that is not known, and for covariances.
+        """
+        number = (~self.failed).sum(axis=1).astype(float)
+        if self.returns.exchangeable:
+            return number
+        if not self.returns.chain or not self.xi.size:
+            return np.full(len(self.settings), np.nan)
+        draws = [self.noise_draw == draw for draw in np.unique(self.noise_draw)]
+        found = [
+            sum(effective_sample_size(xi[of & good]) for of in draws if (of & good).sum() > 3)
+            for xi, good in zip(self.xi, ~self.failed, strict=True)
+        ]
+        return np.minimum(found, number)
 
     @property
     def units(self):

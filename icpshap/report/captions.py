@@ -22,8 +22,13 @@ def method(table, study):
     made = _estimates(table.n_runs.max(), study)
     if len(kept) and kept.n_used.min() < table.n_runs.max():
         made += f", {kept.n_used.min()} or more of them used"
+    if len(kept) and study.returns.chain:
+        made += f", worth {kept.n_effective.min():.0f} or more independent ones"
     sentences = [f"Estimator {study.estimator}; f = {reading(study)}; {made}."]
-    return sentences + (_intervals(kept, study) if len(kept) else [])
+    sentences += filter(None, [study.estimator_kind.spread(study.noise_draws)])
+    if len(kept):
+        sentences += [*_intervals(kept, study), *sensor_sensitivity(kept, study)]
+    return sentences
 
 
 def _estimates(number, study):
@@ -212,6 +217,26 @@ def floor_sensitivity(table, study):
         return []
     return [
         "With ten times and with a tenth of the covariance floor φ changes by at most: "
+        f"{', '.join(parts)}."
+    ]
+
+
+def sensor_sensitivity(table, study):
+    """How far what the sensor's own noise was said to be decides the Shapley values."""
+    parts = []
+    for cause in study.shown(table) if study.returns.sensor_sigma else ():
+        phi = table[f"phi_{cause.name}"]
+        twice, half = (
+            (table[f"phi_{cause.name}_sensor_sigma_{times}"] - phi).dropna()
+            for times in ("twice", "half")
+        )
+        if len(twice) and len(half):
+            of = "" if len(table) == 1 else "in the median "
+            parts.append(f"{cause.title} {of}{twice.median():+.2g} and {half.median():+.2g}")
+    if not parts:
+        return []
+    return [
+        "With twice and with half of the sensor's own noise φ would change, to first order, by: "
         f"{', '.join(parts)}."
     ]
 

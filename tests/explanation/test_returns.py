@@ -199,3 +199,24 @@ def test_only_what_compares_with_clean_has_a_deterministic_null():
     (of_pair,) = sample.samples(None, estimates_table(), OFF, COVARIANCES, Method(), 3.0)
     method = Method(divergence="rotation_rmse")
     assert np.isnan(doubts.null(np.array([1]), of_pair, method)).all()
+
+
+def test_the_states_of_a_chain_are_worth_fewer_samples_which_their_null_counts():
+    """Of an autoregression with the factor 0.8, a ninth."""
+    runs = runs_table(n=2000)
+    generator = np.random.default_rng(1)
+    chain = np.zeros((2000, 6))
+    for step in range(1, 2000):
+        chain[step] = 0.8 * chain[step - 1] + 0.6e-3 * generator.standard_normal(6)
+    runs[XI] = np.tile(chain, (len(runs) // 2000, 1))
+    returns = replace(DEPENDENT, chain=True)
+    uncertainty, shap = explain(runs, None, returns)
+    worth = uncertainty["n_effective"]
+    assert worth.between(120, 300).all()
+    expected = [readings.null_mean("kl", int(n)) for n in worth]
+    np.testing.assert_allclose(uncertainty["null_mean"], expected)
+    row = shap.iloc[0]
+    assert row["n_effective"] == worth.min()
+    assert row["null_mean"] == pytest.approx(readings.null_mean("kl", int(worth.min())))
+    others, _ = explain(runs, None, DEPENDENT)
+    assert others["n_effective"].isna().all() and others["null_mean"].isna().all()

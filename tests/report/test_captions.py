@@ -1,5 +1,7 @@
 """Captions, findings and warnings say what the tables hold, and no more."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,6 +17,7 @@ from known_results import (
     without_value,
 )
 
+from icpshap import estimators
 from icpshap.report import captions, effects
 
 DRAWS = "one draw of the sensor noise and of the removed points"
@@ -317,3 +320,27 @@ def test_phi_and_removal_are_both_said_where_their_first_ranks_differ():
     assert "removing sensor noise by 1.00 nats" in text
     same = captions.finding(table.assign(removal_sensor_noise=9.0), STUDY)
     assert "removing" not in same
+
+
+def test_the_sensors_own_noise_is_said_with_how_it_was_made_and_what_it_decides(grid):
+    own = {"sensor_sigma": 0.01, "sensor_noise_by": "draws"}
+    for cause in ("sensor_noise", "initial_pose", "partial_overlap"):
+        grid[f"phi_{cause}_sensor_sigma_twice"] = grid[f"phi_{cause}"] - 1.5
+        grid[f"phi_{cause}_sensor_sigma_half"] = grid[f"phi_{cause}"] + 2.5
+    text = " ".join(captions.method(grid, replace(STUDY, options=own, noise_draws=10)))
+    assert "white noise of 1 cm for the sensor's own, drawn on both scans" in text
+    assert "an upper bound" in text
+    assert "with half of the sensor's own noise φ would change, to first order, by: sensor" in text
+    assert "sensor noise in the median -1.5 and +2.5" in text
+    own["sensor_noise_by"] = "closed_form"
+    text = " ".join(captions.method(grid, replace(STUDY, options=own)))
+    assert "told 1 cm and of the setting's sensor noise" in text and "a lower bound" in text
+    text = " ".join(captions.method(grid, STUDY))
+    assert "what the sensor's own noise adds to it is left out" in text
+    assert "half of the sensor's own" not in text
+
+
+@pytest.mark.parametrize("kind", estimators.KINDS)
+def test_every_kind_says_what_its_spread_is_made_of(kind):
+    said = estimators.KINDS[kind]().spread(1)
+    assert said.endswith(".") and len(said) > 40
