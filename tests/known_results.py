@@ -158,6 +158,7 @@ def shap_table(levels=LEVELS, pairs=(("apartment", 6, 7),), seed=0):
         null_95=0.368,
         n_runs=100,
         n_used=100,
+        n_effective=100.0,
         n_failed=0,
         n_wrong_basin=0,
         clean_wrong_basin_share=0.01,
@@ -204,6 +205,7 @@ def _numbers(game, names):
         half = 0.5 * (value != 0)
         columns |= {name: value, f"{name}_low": value - half, f"{name}_high": value + half}
         variants = ("all", "right_basin", "floor_tenfold", "floor_tenth")
+        variants += ("sensor_sigma_twice", "sensor_sigma_half")
         columns |= {f"{name}_{variant}": value + 0.25 for variant in variants}
         columns[f"{name}_significant"] = (value - half > 0) | (value + half < 0)
         columns[f"{name}_draw_variance_ratio"] = np.nan
