@@ -52,11 +52,12 @@ def simulate_poses(scene, scans, seed):
     return _poses(SCENES[scene].path, scans, _generator(seed, scene, "motion"))
 
 
-def simulate_scan(scene, index, T_global_scan, beams, seed):
+def simulate_scan(scene, index, T_global_scan, beams, seed, range_noise=RANGE_NOISE):
     """Points (n, 3) [m] of scan ``index`` of a scene, in its scanner's frame.
 
     ``beams`` beams are drawn out of a full scan, as one thins a cloud at random; n is less, since
-    some are dropped, and the sky returns none. Raises UserError for more than a full scan has.
+    some are dropped, and the sky returns none. range_noise [m]: standard deviation of a range below
+    and above 10 m. Raises UserError for more beams than a full scan has.
     """
     full = _beam_directions()
     if beams > len(full):
@@ -68,7 +69,7 @@ def simulate_scan(scene, index, T_global_scan, beams, seed):
     open3d = load_open3d()
     world = _raycaster(open3d, SCENES[scene].build(open3d))
     robot = _raycaster(open3d, _robot(open3d))
-    return _scan(world, robot, full[drawn], T_global_scan, generator)
+    return _scan(world, robot, full[drawn], T_global_scan, generator, range_noise)
 
 
 def _generator(seed, scene, name):
@@ -92,7 +93,7 @@ def _beam_directions():
     return np.stack(directions, axis=-1).reshape(-1, 3)
 
 
-def _scan(world, robot, directions, T_global_scan, generator):
+def _scan(world, robot, directions, T_global_scan, generator, range_noise):
     """Points (n, 3) in the scanner frame of one scan."""
     noise = generator.standard_normal(len(directions))
     dropped = generator.random(len(directions)) < DROPOUTS
@@ -101,7 +102,7 @@ def _scan(world, robot, directions, T_global_scan, generator):
         _cast(world, origin, directions @ T_global_scan[:3, :3].T),
         _cast(robot, np.zeros_like(directions), directions),
     )
-    ranges += noise * np.where(ranges < 10.0, *RANGE_NOISE)
+    ranges += noise * np.where(ranges < 10.0, *range_noise)
     returned = (ranges > MINIMUM_RANGE) & (ranges < MAXIMUM_RANGE) & ~dropped
     return ranges[returned, None] * directions[returned]
 
