@@ -64,6 +64,6 @@ class Game:
         """The `games.Explanation` of these tables."""
         instances = pd.DataFrame(plan.instances(self.levels), columns=list(self.levels))
         instances = instances.rename_axis("instance").reset_index()
-        returns = self.estimator.kind.returns
+        returns = self.estimator.returned
         given = (instances, self.off, returns, method or self.preset.method, self.scan_pair)
         return games.explain(runs, estimates, *given)
