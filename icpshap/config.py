@@ -374,7 +374,8 @@ def _estimator_inconsistencies(name, estimators):
             f"kind {kind} does not return, or noise draws, of which there is one. "
             "Hint: use none, or more noise_draws"
         )
-    for conflict in filter(None, (c.conflict for c in preset.estimator.causes.values())):
+    parts = [preset.estimator.kind, *preset.estimator.causes.values()]
+    for conflict in filter(None, (part.conflict for part in parts)):
         yield f"estimators.{name}.{conflict}"
     runs = preset.estimator.number_of_runs
     if runs % draws:
@@ -637,8 +638,8 @@ def _describe(error, kinds):
 def _unknown_key(key, known, path, kinds):
     if path[:1] == ("estimators",) and (others := presets.kinds_with(key)):
         return (
-            f"'{key}' is an option of the kind {', '.join(others)}, and this estimator is of the "
-            f"kind {kinds[path[1]]}. Hint: leave it out, or change `kind`"
+            f"'{key}' is an option of the kind{'s' * (len(others) > 1)} {', '.join(others)}, and "
+            f"this estimator is of the kind {kinds[path[1]]}. Hint: leave it out, or change `kind`"
         )
     what = "cause" if set(known) == set(CAUSES) else "key"
     return _unknown(key, known, what)

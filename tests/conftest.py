@@ -41,6 +41,11 @@ def oracle():
 
 
 @pytest.fixture
+def estimator_oracle():
+    return folder_in("ICPSHAP_ESTIMATOR_ORACLE")
+
+
+@pytest.fixture
 def config():
     """The paper's configuration, to be changed by a test."""
     return copy.deepcopy(PAPER_CONFIG)

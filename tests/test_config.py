@@ -469,11 +469,14 @@ def test_an_estimator_of_a_kind_has_the_options_of_the_kind(constant):
 
 
 def test_an_option_of_another_kind_is_named_with_its_kind(constant):
-    constant["estimators"]["mine"]["matches"] = 3
+    constant["estimators"]["mine"] |= {"runs": 60, "links": "shared"}
     constant["estimators"]["paper"]["deviation"] = 0.1
     message = errors_of(constant)
     assert (
-        "estimators.mine: 'matches' is an option of the kind monte_carlo, and this estimator is of "
+        "estimators.mine: 'links' is an option of the kinds closed_form, unscented, and" in message
+    )
+    assert (
+        "estimators.mine: 'runs' is an option of the kind monte_carlo, and this estimator is of "
         "the kind constant. Hint: leave it out, or change `kind`" in message
     )
     assert "estimators.paper: 'deviation' is an option of the kind constant" in message
@@ -540,7 +543,7 @@ def test_masks_do_not_go_with_the_released_codes_overlap(config, monkeypatch):
 
 def test_everything_is_said_at_once(constant):
     constant["estimators"]["other"] = {"kind": "constnt"}
-    constant["estimators"]["mine"]["matches"] = 3
+    constant["estimators"]["mine"]["runs"] = 60
     fixed = constant["experiments"]["same_perturbation"]["instances"]["fixed"]
     fixed |= {"sensor_nois": 1, "initial_pose": 0}
     message = errors_of(constant)

@@ -14,6 +14,8 @@ and figures. Four rules hold for each hook, so that any causes can act together:
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from icpshap.options import Range
 
 HOOKS = ("move", "keep", "start", "thin")
@@ -113,6 +115,13 @@ class Cause:
     def move_again(self, points, scan, level, draw, streams):
         """The points that ICP sees, where these are not those that `replace` sees."""
         return points
+
+    def noise_variance(self, points, scan, level):
+        """Variance [m^2] (n,) of the white noise that it adds to each coordinate of points (n, 3).
+
+        For estimators that are told the noise. points [m] of a scan, as they are measured.
+        """
+        return np.zeros(len(points))
 
     def replace(self, pair, reference, source, level, streams):
         """The source (k, 3) [m] for the moved one (m, 3); its rows need not be the raw ones."""

@@ -55,6 +55,11 @@ class SensorNoise(Cause):
             return self._noisy(points, level, f"noise/reference_again/{draw}", streams)
         return points
 
+    def noise_variance(self, points, scan, level):
+        additions = self.reference_noise_additions if scan == "reference" else 1
+        variance = additions * np.square(self._sigma(points, level))
+        return np.broadcast_to(variance, (len(points), 1))[:, 0]
+
     def _noisy(self, points, level, name, streams):
         return points + self._sigma(points, level) * streams.generator(name).standard_normal(
             points.shape

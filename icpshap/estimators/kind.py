@@ -39,6 +39,16 @@ class Returns:
 SAMPLES = Returns(samples=True, covariances=False, exchangeable=True)
 COVARIANCES = Returns(samples=False, covariances=True)
 
+# What an estimator can see that is told the noise, or reads it off single residuals: not an error
+# that all points of a scan share, which moves the estimate and leaves its covariance as it is.
+UNSHARED = (
+    "sensor_noise",
+    "initial_pose",
+    "partial_overlap",
+    "under_constrained",
+    "icp_randomness",
+)
+
 
 class Samples(NamedTuple):
     """Poses of a setting in one noise draw: k of them, numbered by `runs` (k,).
@@ -75,6 +85,15 @@ class Covariance(NamedTuple):
     inlier_ratio: float = np.nan
 
 
+def of_definite(status, covariance):
+    """The status of an estimate; `degenerate` if its covariance (6, 6) has no Cholesky factor."""
+    try:
+        np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        return "degenerate"
+    return status if np.isfinite(covariance).all() else "degenerate"
+
+
 @dataclass(frozen=True)
 class Kind:
     """A kind of estimator; fields of a subclass are its options in the configuration.
@@ -89,6 +108,11 @@ class Kind:
     def number_of_runs(self, noise_draws):
         """How many starts a setting has; by default one for each noise draw."""
         return noise_draws
+
+    @property
+    def conflict(self):
+        """What is wrong with its options together, after the name of one of them; "" if nothing."""
+        return ""
 
     def estimate(self, group):
         """Yields `Samples`, `Covariance` or both for every start of a perturb.Group."""

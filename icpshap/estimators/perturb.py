@@ -135,6 +135,11 @@ class Start(NamedTuple):
 
     usable (m,): the points that causes and range filter leave; rows: of each of r runs, its
     subsample of the usable ones, ascending; initial_xi (r, 6), T_initial (r, 4, 4): initial poses.
+    Settings of which only the initial poses differ hold the same `rows`, one after the other.
+
+    For estimators that are told the perturbation instead of drawing it: initial_deviation (6,)
+    [rad x3, m x3] of the initial poses, source_variance (m,) [m^2] of the white noise on each
+    coordinate of the points.
     """
 
     setting: Setting
@@ -143,6 +148,8 @@ class Start(NamedTuple):
     rows: list
     initial_xi: np.ndarray
     T_initial: np.ndarray
+    initial_deviation: np.ndarray
+    source_variance: np.ndarray
 
 
 class Group(NamedTuple):
@@ -151,6 +158,7 @@ class Group(NamedTuple):
     runs (r,): numbers of the runs that the draw serves; streams: of the settings' branch; starts:
     of each setting, made as they are asked for, since the rows of all may not fit into memory.
     Starts with the same source points hold the same array, one after the other.
+    reference_variance (n,) [m^2]: of the white noise on each coordinate of the reference.
     """
 
     pair: Pair
@@ -159,6 +167,7 @@ class Group(NamedTuple):
     runs: np.ndarray
     streams: Streams
     starts: Iterator[Start]
+    reference_variance: np.ndarray
 
 
 def groups(pair, settings, estimator, deviation, streams):
@@ -176,13 +185,15 @@ def groups(pair, settings, estimator, deviation, streams):
         draws = Draws(pair, estimator, deviation, streams.branched(branch))
         for noise_draw, runs in enumerate(draws.shares()):
             moved = draws.moved(members[0], "reference", noise_draw)
+            seen = draws.seen_reference(members[0], moved, noise_draw)
             yield Group(
                 pair,
-                draws.seen_reference(members[0], moved, noise_draw),
+                seen,
                 noise_draw,
                 runs,
                 draws.streams,
                 draws.starts(members, moved, noise_draw, runs),
+                draws.noise_variance(members[0], "reference", seen),
             )
 
 
@@ -222,6 +233,18 @@ def batches(starts, size):
         batch.append(start)
     if batch:
         yield batch
+
+
+def alike(starts):
+    """Lists of consecutive starts that differ in their initial poses alone."""
+    same = []
+    for start in starts:
+        if same and start.rows is not same[0].rows:
+            yield same
+            same = []
+        same.append(start)
+    if same:
+        yield same
 
 
 def subsample(count, probability, generator):
@@ -281,6 +304,14 @@ class Draws:
         usable = self.kept(setting, "reference", noise_draw) & self._in_range(points)
         return points[usable]
 
+    def noise_variance(self, setting, scan, points):
+        """Variance [m^2] (n,) of the white noise on each coordinate of perturbed points (n, 3)."""
+        variance = np.zeros(len(points))
+        for cause, level in _on(self.moving, setting):
+            if scan in cause.scans:
+                variance += cause.noise_variance(points, scan, level)
+        return variance
+
     def starts(self, settings, reference, noise_draw, runs):
         """The `Start` of each setting; those with the same source points one after the other.
 
@@ -290,10 +321,12 @@ class Draws:
             source = self.moved(same_source[0], "source", noise_draw)
             for _, same_mask in _grouped(same_source, lambda s: s.levels_of(self.keeping)):
                 left, usable = self._usable(same_mask[0], reference, source, noise_draw)
+                variance = self.noise_variance(same_mask[0], "source", left)
                 for _, same_rows in _grouped(same_mask, lambda s: s.levels_of(self.thinning)):
                     rows = self.thinned(self.rows(usable, runs), same_rows[0], runs)
                     for setting in same_rows:
-                        yield Start(setting, left, usable, rows, *self._initial(setting, runs))
+                        initial = self._initial(setting, runs)
+                        yield Start(setting, left, usable, rows, *initial, variance)
 
     def _usable(self, setting, reference, source, noise_draw):
         """Source points (k, 3) of a setting, and which of them causes and range filter leave."""
@@ -326,15 +359,18 @@ class Draws:
         return np.linalg.norm(points, axis=1) > self.perturbing.minimum_range
 
     def _initial(self, setting, runs):
-        """initial_xi (r, 6) [rad, m] and T_initial (r, 4, 4) of the runs of a setting (Eq. 4)."""
+        """initial_xi (r, 6) [rad, m], T_initial (r, 4, 4) of the runs of a setting (Eq. 4).
+
+        And the standard deviation (6,) [rad x3, m x3] of which they are drawn.
+        """
         deviation = self.deviation
         for cause, level in _on(self.starting, setting):
             deviation = cause.start(deviation, level)
         xi = deviation * self.initial_pose_draws[runs]
         T_reference_source = self.pair.T_reference_source
         if self.perturbing.initial_pose_composition == "right":
-            return xi, T_reference_source @ se3.exp(xi)
-        return xi, se3.exp(-xi) @ T_reference_source
+            return xi, T_reference_source @ se3.exp(xi), deviation
+        return xi, se3.exp(-xi) @ T_reference_source, deviation
 
     def rows(self, usable, runs):
         """Source rows of each run: its subsample of the usable ones (m,), ascending.

@@ -89,6 +89,26 @@ def test_starts_with_the_same_source_hold_the_same_array_one_after_the_other(roo
     assert [len(batch) for batch in perturb.batches(iter(starts), 2)] == [2, 1]
 
 
+def test_starts_that_differ_in_their_initial_poses_alone_come_together(room_pair):
+    """So that what does not depend on these is estimated once."""
+    settings = [
+        Setting.at(dict(zip(NAMES, values, strict=True)))
+        for values in [(0, 1, 0), (0, 1, 0.1), (0, 2.25, 0), (0, 2.25, 0.1), (0, 9, 0)]
+    ]
+    (group,) = groups(room_pair, settings)
+    found = [[start.setting for start in same] for same in perturb.alike(group.starts)]
+    assert found == [settings[0::2], settings[1::2]]
+
+
+def test_a_start_says_how_its_initial_poses_are_drawn(room_pair):
+    setting = Setting.at({"initial_pose": 2.25})
+    (group,) = groups(room_pair, [setting], ("initial_pose",))
+    (start,) = group.starts
+    np.testing.assert_allclose(start.initial_deviation, 1.5 * DEVIATION)
+    draw = STREAMS.generator("initial_pose").standard_normal((100, 6))
+    np.testing.assert_array_equal(start.initial_xi, start.initial_deviation * draw)
+
+
 def test_nearby_points_are_no_business_of_the_estimator(room_pair):
     (group,) = groups(room_pair, [Setting.at({})], minimum_range=4.0)
     (start,) = group.starts
