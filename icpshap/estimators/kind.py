@@ -98,12 +98,19 @@ def of_definite(status, covariance):
 class Kind:
     """A kind of estimator; fields of a subclass are its options in the configuration.
 
-    `name` is what `kind:` gives; `sees`: names of the causes that it can see, or None for all.
+    `name` is what `kind:` gives; `sees`: names of the causes that it can see, or None for all;
+    `defaults`: of the options of perturb.Perturbing that have another default for the kind.
     """
 
     name: ClassVar[str]
     returns: ClassVar[Returns]
     sees: ClassVar[tuple[str, ...] | None] = None
+    defaults: ClassVar[dict] = {}
+
+    @property
+    def modules(self):
+        """Modules of the user's own whose code makes its numbers besides that of the kind."""
+        return ()
 
     def number_of_runs(self, noise_draws):
         """How many starts a setting has; by default one for each noise draw."""
@@ -113,6 +120,9 @@ class Kind:
     def conflict(self):
         """What is wrong with its options together, after the name of one of them; "" if nothing."""
         return ""
+
+    def check_clean(self, runs):
+        """Raise UserError if the runs of a clean setting (rows of their table) say nothing."""
 
     def estimate(self, group):
         """Yields `Samples`, `Covariance` or both for every start of a perturb.Group."""

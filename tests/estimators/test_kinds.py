@@ -27,7 +27,9 @@ SETTINGS = [
 
 
 def estimator(kind, **values):
-    found = Estimator.of(kind, {"subsampling_probability": 0.2, "noise_draws": 2, **values})
+    given = {"register": "icpshap.registrations:small_gicp"}
+    given |= {"subsampling_probability": 0.2, "noise_draws": 2, **values}
+    found = Estimator.of(kind, given)
     if "runs" in options.names(found.kind):
         found = replace(found, kind=replace(found.kind, runs=12))
     return found.of_causes(NAMES)
