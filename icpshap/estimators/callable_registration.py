@@ -91,7 +91,8 @@ class CallableRegistration(Kind, Runs):
                 if end.status != "ok" and end.status not in counts:
                     logging.warning("%s %s", self._called, end.status, exc_info=end.error)
                 counts[end.status] += 1
-                ends.append(end)
+                # An error holds all that its call had, copies of the clouds among it.
+                ends.append(end._replace(error=None))
             unknown = np.full(len(ends), np.nan)
             yield Samples(
                 start.setting,
