@@ -22,7 +22,6 @@ from icpshap.estimators import KINDS, option_owners
 from icpshap.explanation import shapley
 from icpshap.explanation.method import Method
 from icpshap.jobs import paths
-from icpshap.presets import Preset
 from icpshap.report.figures import style
 from icpshap.tables import TABLES, WITH_CAUSES, columns
 
@@ -180,6 +179,8 @@ def _estimators(block):
         parts.append(f"### `kind: {name}`\n")
         parts.append(_first_sentence(inspect.getmodule(kind)) + "\n")
         parts.append(f"It returns {_returned(kind.returns)}. {_seen(kind)}\n")
+        for key, value in kind.defaults.items():
+            parts.append(f"The default of `{key}` is {_value(value)} here.\n")
         if options.names(kind):
             parts.append(_options_table([kind], name))
         else:
@@ -207,14 +208,14 @@ def _options_table(owners, kind):
     """A table of options with their defaults and, of the presets' kind, what the presets change."""
     named = {"released_code": presets.RELEASED_CODE, "robust": presets.ROBUST}
     shown = named if kind == presets.DEFAULT_KIND else {}
-    defaults = Preset.of(kind).options
     rows = []
     for owner in owners:
+        defaults = options.defaults(owner)
         for key, value in options.properties(owner).items():
+            default = _value(defaults[key]) if key in defaults else "must be given"
             others = [preset.options[key] for preset in shown.values()]
             cells = ["" if other == defaults[key] else _value(other) for other in others]
-            row = [f"`{key}`", _kind(value), _value(defaults[key]), *cells, value["description"]]
-            rows.append(row)
+            rows.append([f"`{key}`", _kind(value), default, *cells, value["description"]])
     paper = ["default, `paper`"] if shown else ["default"]
     return _table(["key", "value", *paper, *(f"`{name}`" for name in shown), "meaning"], rows)
 

@@ -355,6 +355,12 @@ def _estimator_inconsistencies(name, estimators):
             "Hint: leave based_on out; every option has a default"
         )
         return
+    if missing := [key for key in presets.required(kind) if key not in block]:
+        yield (
+            f"estimators.{name}: missing {', '.join(missing)}, which the kind {kind} needs. "
+            "Hint: give them, or `based_on` another one that has them"
+        )
+        return
     preset = Preset.of(**block)
     returns, draws = preset.estimator.returned, preset.estimator.perturbing.noise_draws
     correction = preset.method.bias_correction

@@ -70,7 +70,7 @@ def block(owner, description="", required=()):
 
     required: names that must be given besides the options that have no default.
     """
-    needed = [part.name for part in _options(owner) if part.default is REQUIRED]
+    needed = without_default(owner)
     needed += [name for name in required if name not in needed]
     return {
         **({"description": description} if description else {}),
@@ -79,6 +79,16 @@ def block(owner, description="", required=()):
         **({"required": needed} if needed else {}),
         "properties": properties(owner),
     }
+
+
+def without_default(owner):
+    """Names of the options of a class that have no default."""
+    return [part.name for part in _options(owner) if part.default is REQUIRED]
+
+
+def defaults(owner):
+    """The default of each option of a class that has one, by name."""
+    return {part.name: part.default for part in _options(owner) if part.default is not REQUIRED}
 
 
 def values(owner):

@@ -50,6 +50,11 @@ def option_names(kind):
     return [name for owner in owners(kind) for name in options.names(owner)]
 
 
+def required(kind):
+    """Names of the options that an estimator of a kind must be given."""
+    return [name for owner in owners(kind) for name in options.without_default(owner)]
+
+
 def kinds_with(name):
     """The kinds of estimators that have an option of this name."""
     return [kind for kind in KINDS if name in option_names(kind)]

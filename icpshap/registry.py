@@ -1,7 +1,9 @@
 """Plug-ins: packages whose modules are found by being there; to add one is to add a file."""
 
 import importlib
+import os
 import pkgutil
+import sys
 
 
 def modules(package, path):
@@ -11,6 +13,17 @@ def modules(package, path):
     """
     names = sorted(module.name for module in pkgutil.iter_modules(path))
     return [importlib.import_module(f"{package}.{name}") for name in names if name[0] != "_"]
+
+
+def imported(name):
+    """The module of that dotted name, be it installed or a file of the working directory.
+
+    The working directory comes last: a file in it hides no library.
+    """
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
+        importlib.invalidate_caches()
+    return importlib.import_module(name)
 
 
 def classes(package, path, base):

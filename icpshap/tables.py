@@ -69,9 +69,11 @@ _POSE = [
     *_columns(XI, "float64", _XI_UNITS, "pose error log(inv(T_gt) T_icp)"),
     *_columns(TRANSFORM, "float64", "", "entry of T_reference_source, translation in m"),
 ]
+_STATUS = "ok, max_iterations, too_few_links or degenerate; or what a callable did in the place of "
+_STATUS += "returning a pose, in words"
 _END = [
     Column("iterations", "int32", "", "ICP iterations"),
-    Column("status", "string", "", "ok, max_iterations, too_few_links or degenerate"),
+    Column("status", "string", "", _STATUS),
     Column("rmse", "float64", "m", "root mean square residual of the kept links"),
     Column("inlier_ratio", "float64", "", "share of the links that were kept"),
 ]

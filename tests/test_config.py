@@ -56,7 +56,7 @@ def test_the_paper_is_the_default(paper):
     assert paper.estimators == {"paper": PAPER, "released_code": RELEASED_CODE, "robust": ROBUST}
 
 
-@pytest.mark.parametrize("name", ["all_causes", "demo", "released_code", "robust"])
+@pytest.mark.parametrize("name", ["all_causes", "demo", "estimators", "released_code", "robust"])
 def test_every_shipped_override_loads(config, name):
     update_config(config, yaml.safe_load((REPOSITORY / f"config/{name}.yaml").read_text()))
     loaded = configuration.load(config)
@@ -476,8 +476,8 @@ def test_an_option_of_another_kind_is_named_with_its_kind(constant):
         "estimators.mine: 'links' is an option of the kinds closed_form, unscented, and" in message
     )
     assert (
-        "estimators.mine: 'runs' is an option of the kind monte_carlo, and this estimator is of "
-        "the kind constant. Hint: leave it out, or change `kind`" in message
+        "estimators.mine: 'runs' is an option of the kinds callable, monte_carlo, and this "
+        "estimator is of the kind constant. Hint: leave it out, or change `kind`" in message
     )
     assert "estimators.paper: 'deviation' is an option of the kind constant" in message
 
@@ -548,7 +548,7 @@ def test_everything_is_said_at_once(constant):
     fixed |= {"sensor_nois": 1, "initial_pose": 0}
     message = errors_of(constant)
     assert "4 error(s)" in message
-    for part in ("did you mean 'constant'?", "option of the kind monte_carlo", "unknown cause"):
+    for part in ("did you mean 'constant'?", "option of the kinds callable", "unknown cause"):
         assert part in message
 
 

@@ -475,6 +475,15 @@ def test_the_estimator_is_blind(finished):
 
 
 @pytest.mark.slow
+def test_the_registration_is_explained(finished):
+    (row,) = pd.read_parquet(finished / "rounded_mine/shap.parquet").itertuples()
+    assert (row.n_runs, row.n_failed) == (60, 0)
+    assert row.phi_quantisation + row.phi_sensor_noise == pytest.approx(row.f)
+    uncertainty = pd.read_parquet(finished / "rounded_mine/uncertainty.parquet")
+    assert (uncertainty["success_rate"] > 0.9).all()
+
+
+@pytest.mark.slow
 def test_the_reading_is_read(finished):
     (row,) = pd.read_parquet(finished / "rounded_translation/shap.parquet").itertuples()
     (other,) = pd.read_parquet(finished / "rounded/shap.parquet").itertuples()

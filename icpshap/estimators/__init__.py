@@ -38,6 +38,7 @@ class Estimator:
         def built(owner):
             return owner(**{name: values[name] for name in options.names(owner) if name in values})
 
+        values = {**KINDS[kind].defaults, **values}
         causes = {cause.name: built(cause) for cause in named(CAUSES)}
         return cls(built(KINDS[kind]), built(Perturbing), causes)._with_own_noise()
 
@@ -87,8 +88,9 @@ class Estimator:
 
     @property
     def plugins(self):
-        """The classes whose code makes its numbers."""
-        return [type(self.kind), *(type(cause) for cause in self.causes.values())]
+        """The classes and the modules of the user's own whose code makes its numbers."""
+        causes = (type(cause) for cause in self.causes.values())
+        return [type(self.kind), *self.kind.modules, *causes]
 
     def decides(self):
         """All that decides its numbers, as a mapping that JSON can hold; see `decided`."""
@@ -111,7 +113,8 @@ def estimate(pair, settings, estimator, deviation, streams):
     pair: data.pair.Pair; settings: list of plan.Setting; deviation (6,): standard deviation of the
     initial pose at scale 1; streams: perturb.Streams of the pair. A table that the estimator does
     not return is None. Raises PerturbationError if a setting cannot be applied to the pair,
-    TypeError if the estimator does not return what it says.
+    UserError if the clean runs say nothing, TypeError if the estimator does not return what it
+    says.
     """
     runs, estimates = defaultdict(list), defaultdict(list)
     for group in perturb.groups(pair, settings, estimator, deviation, streams):
@@ -121,6 +124,9 @@ def estimate(pair, settings, estimator, deviation, streams):
             else:
                 estimates[returned.setting].append(_estimates_frame(pair, returned))
     _check_returned(estimator, runs, estimates)
+    for setting, frames in runs.items():
+        if all(setting.level(cause) == cause.off for cause in estimator.causes.values()):
+            estimator.kind.check_clean(pd.concat(frames))
     return _in_order(runs, settings), _in_order(estimates, settings)
 
 

@@ -112,13 +112,20 @@ class Kind:
 
     `name` is what `kind:` gives; `sees`: names of the causes that it can see, or None for all;
     `one_subsample`: whether all runs of a noise draw use one subsample of the source, that of the
-    first of them.
+    first of them; `defaults`: of the options of perturb.Perturbing that have another default for
+    the kind.
     """
 
     name: ClassVar[str]
     returns: ClassVar[Returns]
     sees: ClassVar[tuple[str, ...] | None] = None
     one_subsample: ClassVar[bool] = False
+    defaults: ClassVar[dict] = {}
+
+    @property
+    def modules(self):
+        """Modules of the user's own whose code makes its numbers besides that of the kind."""
+        return ()
 
     @property
     def conflict(self):
@@ -146,6 +153,9 @@ class Kind:
     def fewest_noise_draws(self):
         """The number of noise draws below which its options cannot be what they say."""
         return 1
+
+    def check_clean(self, runs):
+        """Raise UserError if the runs of a clean setting (rows of their table) say nothing."""
 
     def estimate(self, group):
         """Yields `Samples`, `Covariance` or both for every start of a perturb.Group."""

@@ -3,9 +3,13 @@
 import ast
 import hashlib
 import sys
+from contextlib import suppress
 from functools import cache
+from importlib import metadata
 from pathlib import Path
+from types import ModuleType
 
+from icpshap import registry
 from icpshap.causes import CAUSES
 from icpshap.data.formats import READERS
 from icpshap.estimators import KINDS
@@ -20,16 +24,19 @@ def code_digest(script, plugins=()):
     """Digest of the library modules that a script imports, directly or through one another.
 
     plugins: the causes, estimators and readers of scan formats that it meets, found without being
-    imported by name. Docstrings, comments and layout do not count, nor do the modules that only
-    read and write, so that only a change of what is computed does. (`tables` refuses a file with
-    other columns.)
+    imported by name, and modules of the user's own. Of these their file counts, and the version of
+    each package that it imports or belongs to, but no other file. Docstrings, comments and layout
+    do not count, nor do the modules that only read and write, so that only a change of what is
+    computed does. (`tables` refuses a file with other columns.)
     """
-    files = [str(sys.modules[plugin.__module__].__file__) for plugin in plugins]
-    return _digest(str(script), *sorted(set(files)))
+    own = [plugin for plugin in plugins if isinstance(plugin, ModuleType)]
+    modules = {sys.modules[plugin.__module__] for plugin in plugins if plugin not in own}
+    files = sorted(str(module.__file__) for module in modules)
+    return _digest(str(script), *files, own=tuple(own))
 
 
 @cache
-def _digest(*files):
+def _digest(*files, own=()):
     script, *plugins = map(Path, files)
     seen = {script: True}
     _imported(script, seen)
@@ -37,6 +44,13 @@ def _digest(*files):
         seen[path] = True
         _imported(path, seen)
     digest = hashlib.sha256()
+    for module in own:
+        digest.update(repr(_versions(module)).encode())
+        if (path := _file(module)).suffix == ".py":
+            _imported(path, seen)
+            digest.update(_code(path).encode())
+        elif path.is_file():
+            digest.update(path.read_bytes())
     for path in sorted(seen):
         # A plug-in of a user's own may lie elsewhere.
         inside = path.is_relative_to(LIBRARY)
@@ -47,13 +61,16 @@ def _digest(*files):
 
 
 def plugin_names(estimator):
-    """The kind and the causes of an estimators.Estimator, as JSON can hold them; see `plugins`."""
-    return {"kind": estimator.kind.name, "causes": list(estimator.causes)}
+    """What `plugins` finds those of an estimators.Estimator by, as JSON can hold it."""
+    names = {"kind": estimator.kind.name, "causes": list(estimator.causes)}
+    own = [module.__name__ for module in estimator.kind.modules]
+    return names | ({"modules": own} if own else {})
 
 
 def plugins(names):
-    """What has these names: the `kind`, the `causes` and the `format`, by its suffix."""
+    """What has these names: `kind`, `modules` and `causes`, and the `format` by its suffix."""
     found = [KINDS[names["kind"]]] if "kind" in names else []
+    found += [registry.imported(name) for name in names.get("modules", ())]
     found += [CAUSES[name] for name in names.get("causes", ())]
     return found + ([READERS[names["format"]]] if "format" in names else [])
 
@@ -67,6 +84,43 @@ def sha256(path):
 def data_digests(*paths):
     """Digest of each file by its name."""
     return {Path(path).name: sha256(path)[:16] for path in paths}
+
+
+def _file(module):
+    """Path of a module's file; the working directory for one that is compiled into Python."""
+    return Path(getattr(module, "__file__", None) or "")
+
+
+def _versions(module):
+    """Versions by name of the packages that a user's module belongs to or imports, sorted.
+
+    Through library modules too, such as the one that loads Open3D.
+    """
+    names = {module.__name__.split(".")[0]}
+    path = _file(module)
+    if path.suffix == ".py":
+        seen = {path: True}
+        _imported(path, seen)
+        for file in seen:
+            names |= _packages(ast.parse(file.read_text(encoding="utf-8")))
+    known = metadata.packages_distributions()
+    found = {}
+    for distribution in {part for name in names for part in known.get(name, [name])}:
+        # What belongs to no package: a user's file, a module of Python's own.
+        with suppress(metadata.PackageNotFoundError):
+            found[distribution] = metadata.version(distribution)
+    return dict(sorted(found.items()))
+
+
+def _packages(tree):
+    """Names of the packages that code imports, wherever in it."""
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            names.add(node.module.split(".")[0])
+    return names
 
 
 def _code(path):

@@ -28,7 +28,9 @@ FEWER = {"runs": 12, "particles": 12, "iterations": 40, "burn_in": 10, "maximum_
 
 
 def estimator(kind, **values):
-    found = Estimator.of(kind, {"subsampling_probability": 0.2, "noise_draws": 2, **values})
+    given = {"register": "icpshap.registrations:small_gicp"}
+    given |= {"subsampling_probability": 0.2, "noise_draws": 2, **values}
+    found = Estimator.of(kind, given)
     fewer = {name: FEWER[name] for name in options.names(found.kind) if name in FEWER}
     found = replace(found, kind=replace(found.kind, **fewer))
     return found.of_causes(NAMES)
