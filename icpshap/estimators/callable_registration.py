@@ -26,10 +26,10 @@ class CallableRegistration(OwnNoise, Runs):
     """`runs` calls of `register` a setting: (reference, source, T_initial) -> T_reference_source.
 
     Each call gets copies: the perturbed reference (n, 3) [m], the source points (m, 3) [m] of the
-    run's own subsample, its initial pose (4, 4); all of float64 in C order. The closed form of the
-    sensor's own noise takes links to the nearest point where a call from the true pose ends. A call that raises, or
+    run's own subsample, its initial pose (4, 4); all of float64 in C order. A call that raises, or
     does not return a pose, is a failed run, and its status says in words what happened. From Python
-    `register` may be the function itself.
+    `register` may be the function itself. The closed form of the sensor's own noise takes links to
+    the nearest point, where a call from the true pose ends.
     """
 
     name: ClassVar = "callable"
