@@ -56,6 +56,7 @@ _NULL = [
     Column("null_95", "float64", _F, "95 % quantile of f between such samples"),
 ]
 _W = "share of runs that failed or ended in a wrong basin; NaN where there is no basin"
+_SUCCESS = "share of the runs that did not fail within 0.1 m and 2 deg of the true pose,"
 _WORTH = "independent samples that runs, or the states of a chain, are worth"
 _REASON = Column("reason", "string", "", "why the pair was not registered; empty if it was")
 _REMARKS = [
@@ -128,6 +129,8 @@ def _wrong_basins(causes):
     """W of clean setting and instance, and what each cause contributes to it."""
     lacking = "fewer than half of the runs of one of its settings lie together"
     return [
+        Column("clean_success_rate", "float64", "", f"{_SUCCESS} of the clean setting"),
+        Column("success_rate", "float64", "", f"{_SUCCESS} with all causes on"),
         *_estimate("clean_wrong_basin_share", "W of the clean setting", ""),
         *_estimate("wrong_basin_share", f"W: {_W}", ""),
         *(
@@ -251,6 +254,7 @@ def _estimates(causes):
             "entry of the covariance of xi in T_reference_source exp(xi), rotation first",
         ),
         *_END,
+        Column("n_far", "int32", "", "sigma points that ended over 0.1 m or 2 deg from the first"),
     ]
 
 

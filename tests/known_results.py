@@ -161,6 +161,8 @@ def shap_table(levels=LEVELS, pairs=(("apartment", 6, 7),), seed=0):
         n_effective=100.0,
         n_failed=0,
         n_wrong_basin=0,
+        clean_success_rate=1.0,
+        success_rate=0.97,
         clean_wrong_basin_share=0.01,
         clean_wrong_basin_share_low=0.002,
         clean_wrong_basin_share_high=0.05,

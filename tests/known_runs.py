@@ -100,6 +100,7 @@ def estimates_table(noise_draws=1, scale=lambda draw: 1.0):
                     "again": again,
                     "noise_draw": draw,
                     "status": "ok",
+                    "n_far": 0,
                     **dict.fromkeys(XI, 0.001 * (1 + draw)),
                     **dict(zip(COVARIANCE, upper, strict=True)),
                 }

@@ -181,6 +181,7 @@ def _estimates_frame(pair, estimate):
             "status": estimate.status,
             "rmse": estimate.rmse,
             "inlier_ratio": estimate.inlier_ratio,
+            "n_far": np.int32(estimate.far),
         }
     )
 

@@ -34,6 +34,7 @@ class CallableRegistration(OwnNoise, Runs):
 
     name: ClassVar = "callable"
     returns: ClassVar = SAMPLES
+    foreign: ClassVar = True
     # From all points a registration without chance of its own would end where its stopping rule
     # says, whatever its initial pose: there would be no clean spread to compare with.
     defaults: ClassVar = {"subsampling_probability": 0.5}

@@ -79,7 +79,8 @@ class Samples(NamedTuple):
 class Covariance(NamedTuple):
     """The covariance (6, 6) [rad, m] of one estimate T_reference_source (4, 4).
 
-    Of xi in T exp(xi), rotation first; iterations, status, rmse [m], inlier_ratio: numbers.
+    Of xi in T exp(xi), rotation first; iterations, status, rmse [m], inlier_ratio: numbers; far: of
+    the registrations that it is made of, how many ended in another basin.
     """
 
     setting: Setting
@@ -90,6 +91,7 @@ class Covariance(NamedTuple):
     status: str = "ok"
     rmse: float = np.nan
     inlier_ratio: float = np.nan
+    far: int = 0
 
 
 def of_definite(status, covariance):
@@ -113,7 +115,7 @@ class Kind:
     `name` is what `kind:` gives; `sees`: names of the causes that it can see, or None for all;
     `one_subsample`: whether all runs of a noise draw use one subsample of the source, that of the
     first of them; `defaults`: of the options of perturb.Perturbing that have another default for
-    the kind.
+    the kind; `foreign`: whether it registers with what is not ours, of which success is told first.
     """
 
     name: ClassVar[str]
@@ -121,6 +123,7 @@ class Kind:
     sees: ClassVar[tuple[str, ...] | None] = None
     one_subsample: ClassVar[bool] = False
     defaults: ClassVar[dict] = {}
+    foreign: ClassVar[bool] = False
 
     @property
     def modules(self):

@@ -15,6 +15,7 @@ from icpshap.estimators.kind import Covariance, of_definite
 from icpshap.options import option
 
 SIGMA_POINTS = 13
+FAR_TRANSLATION, FAR_ROTATION = 0.1, np.deg2rad(2.0)  # m, rad; one such point is 1/12 of all
 
 
 @dataclass(frozen=True)
@@ -100,6 +101,7 @@ class Unscented(ClosedForm):
                     status,
                     white.rmse,
                     white.inlier_ratio,
+                    far(runs.T_reference_source[part]),
                 )
 
 
@@ -132,6 +134,13 @@ def scatter(T, composition):
     else:
         xi = se3.log(T[1:] @ inverse) @ se3.adjoint(inverse).T
     return xi.T @ xi / len(xi)
+
+
+def far(T):
+    """How many of the ends T (13, 4, 4) lie in another basin than the first, whatever the noise."""
+    xi = se3.log(se3.inverse(T[0]) @ T[1:])
+    beyond = np.linalg.norm(xi[:, :3], axis=1) > FAR_ROTATION
+    return np.count_nonzero(beyond | (np.linalg.norm(xi[:, 3:], axis=1) > FAR_TRANSLATION))
 
 
 def worst(status):

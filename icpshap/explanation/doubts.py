@@ -142,8 +142,13 @@ def remarks_of_games(replicates, rows, n_used, n_right_basin, f_again, method):
     floor_share, memory = (max(part[key][0] for part in clean) for key in ("floor_share", "memory"))
     first = replicates[0]
     texts = []
-    for n, right in zip(n_used, n_right_basin, strict=True):
+    for n, right, far in zip(n_used, n_right_basin, most_far(replicates, rows), strict=True):
         found = [remarks(first, method, n, floor_share, memory)]
+        if far:
+            found.append(
+                f"up to {far} sigma points of a setting end in another basin, and each weighs 1/12 "
+                "of the covariance"
+            )
         if right < first.fewest <= n:
             found.append(
                 f"fewer than {first.fewest} runs are never in a wrong basin: no value without those"
@@ -156,6 +161,12 @@ def remarks_of_games(replicates, rows, n_used, n_right_basin, f_again, method):
             )
         texts.append("; ".join(filter(None, found)))
     return texts
+
+
+def most_far(replicates, rows):
+    """Sigma points (i,) in another basin, in that setting of each game rows (i, g) with most."""
+    far = [np.broadcast_to(sample.far, len(sample.settings)) for sample in replicates]
+    return sum(of[row].max(axis=1) for of, row in zip(far, rows, strict=True))
 
 
 def no_interval(replicates):

@@ -13,6 +13,7 @@ from icpshap.explanation.doubts import (
     clean_again,
     degeneracy,
     independent,
+    most_far,
     no_interval,
     null,
     remarks,
@@ -165,7 +166,7 @@ def uncertainty_table(sample, reference, method):
             "null_95": null_95,
             "n_runs": sample.xi.shape[1],
             "n_failed": sample.failed.sum(axis=1),
-            "n_wrong_basin": sample.wrong_basin.sum(axis=1),
+            "n_wrong_basin": sample.wrong_basin.sum(axis=1) + sample.far,
             "wrong_basin_share": share,
             "wrong_basin_share_low": share_low,
             "wrong_basin_share_high": share_high,
@@ -242,7 +243,8 @@ def shap_table(replicates, instances, rows, off, method):
             sample.effective[row].min(axis=1) for sample, row in zip(replicates, rows, strict=True)
         ),
         "n_failed": _runs_anywhere([sample.failed for sample in replicates], rows),
-        "n_wrong_basin": _runs_anywhere([sample.wrong_basin for sample in replicates], rows),
+        "n_wrong_basin": _runs_anywhere([sample.wrong_basin for sample in replicates], rows)
+        + most_far(replicates, rows),
         "interval_over": "replicates" if len(replicates) > 1 else replicates[0].units,
         "no_interval": no_interval(replicates),
         "warning": remarks_of_games(replicates, rows, n_used, n_right_basin, f_again, method),
@@ -262,7 +264,16 @@ def _of_other_sensor(replicates, rows, method, times):
 def _share_columns(causes, replicates, rows, shares):
     """W of the clean setting and the instance, and what each cause contributes to it."""
     lacking = [sample.no_basin[row] for sample, row in zip(replicates, rows, strict=True)]
+    success = np.mean(
+        [
+            pose_error_columns(sample)["success_rate"][row[:, [0, -1]]]
+            for sample, row in zip(replicates, rows, strict=True)
+        ],
+        axis=0,
+    )
     return {
+        "clean_success_rate": success[:, 0],
+        "success_rate": success[:, 1],
         **columns_of(["clean_wrong_basin_share"], shares.clean),
         **columns_of(["wrong_basin_share"], shares.share),
         **columns_of([f"wrong_basin_{cause}" for cause in causes], shares.phi),

@@ -32,7 +32,8 @@ class Sample:
     belongs to the samples of their noise draw failed, or is that of another basin; no_basin (S,):
     the runs of the setting have no basin of their own; noise_draw (n,) which one a run used; weight
     (n,) of the samples; covariance (S, K, 6, 6) [rad, m] of each noise draw, or None; length [m]:
-    the pair's characteristic length; last_f: what `uncertainty.evaluate` found last.
+    the pair's characteristic length; far (S,): of the registrations that covariances are made of,
+    how many ended in another basin; last_f: what `uncertainty.evaluate` found last.
     """
 
     causes: tuple
@@ -49,6 +50,7 @@ class Sample:
     covariance: np.ndarray | None
     returns: Returns
     length: float
+    far: np.ndarray | int = 0
     last_f: dict = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
@@ -234,9 +236,10 @@ def _sample(runs, estimates, causes, returns, method, length):
     noise_draw = runs["noise_draw"].to_numpy()[:n]
     xi = runs[XI].to_numpy(dtype=float).reshape(-1, n, 6)
     failed = _failed(runs).reshape(-1, n)
-    covariance = None
+    covariance, far = None, np.zeros(len(first), dtype=int)
     if estimates is not None:
         covariance = _covariances(estimates, len(first))
+        far = estimates["n_far"].to_numpy().reshape(len(first), -1).sum(axis=1)
     weight = runs["weight"].to_numpy(dtype=float).reshape(-1, n)
     if not (weight == weight[0]).all():
         raise UserError(
@@ -268,6 +271,7 @@ def _sample(runs, estimates, causes, returns, method, length):
         covariance=covariance,
         returns=returns,
         length=length,
+        far=far,
     )
 
 

@@ -110,14 +110,15 @@ def finding(table, study):
     """The main finding of an experiment in one sentence; what limits it comes first."""
     where = f"{study.name} ({_which_pairs(table, study)})"
     if len(study.valued(table)) == 0:
-        first = effects.no_basin(table, study)
-        found = f"{where}: {'; '.join(filter(None, (first, 'no pair has a value')))}."
+        first = [effects.success(table, study), effects.no_basin(table, study)]
+        found = f"{where}: {'; '.join(filter(None, [*first, 'no pair has a value']))}."
         return " ".join([found, *effects.shares(table, study)])
     rows = {cause: study.present(table, cause) for cause in study.shown(table)}
     rows = {cause: part for cause, part in rows.items() if len(part)}
     if not rows:
         return f"{where}: nothing was perturbed."
-    first = [effects.no_basin(table, study), effects.shrinking(table, study)]
+    first = [effects.success(table, study), effects.no_basin(table, study)]
+    first.append(effects.shrinking(table, study))
     parts = [*filter(None, first), *_contributions(rows, table, study)]
     return f"{where}: {'; '.join(parts)}."
 

@@ -135,3 +135,9 @@ def test_a_bias_along_normals_that_there_are_none_of_is_refused(config):
     }  # fmt: skip
     with pytest.raises(UserError, match=r"estimators.odd.bias: is along the normals"):
         configuration.load(config)
+
+
+def test_ends_in_another_basin_are_counted():
+    xi = np.zeros((13, 6))
+    xi[3, 4], xi[7, 2], xi[9, 5] = 0.2, np.deg2rad(3), 0.05
+    assert unscented.far(se3.exp(np.full((1, 6), 0.3)) @ se3.exp(xi)) == 2
