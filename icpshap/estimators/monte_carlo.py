@@ -20,6 +20,10 @@ class MonteCarlo(OwnNoise, ChainKind, Runs):
     name: ClassVar = "monte_carlo"
     returns: ClassVar = SAMPLES
 
+    @property
+    def made_of(self):
+        return f"scatter of {self.runs} ICP runs"
+
     def estimate(self, group):
         from icpshap import icp
 
