@@ -65,16 +65,17 @@ def told(options):
         return ""
     sigma = f"{words.centimetres(options['sensor_sigma'])} cm"
     said = {
-        "known": f"told {sigma} and σ",
-        "fixed": f"told {sigma} always",
-        "residuals": "told by residuals",
+        "known": f"{sigma} and σ",
+        "fixed": f"{sigma} always",
+        "residuals": "its residuals",
     }
-    return said.get(options.get("noise"), f"told {sigma}")
+    return said.get(options.get("noise"), sigma)
 
 
 def read(path):
     """The table from the file that `DataFrame.to_csv` wrote."""
-    table = pd.read_csv(path, keep_default_na=False, na_values=[""])
+    kinds = dict.fromkeys(TEXTS, str)
+    table = pd.read_csv(path, dtype=kinds, keep_default_na=False, na_values=[""])
     return table.fillna(dict.fromkeys(TEXTS, ""))
 
 
@@ -109,8 +110,9 @@ def note(table, study):
     sentences = [
         f"f = {captions.reading(study)}, and how it is shared out, {_where(table, study)}.",
         "° cannot be distinguished from zero.",
-        "Failed: registrations, noise draws or sigma points of a setting of the instance that "
-        "failed. Success: share within 0.1 m and 2 degrees of the true pose, with all causes on.",
+        "Failed: of the registrations, or noise draws, of a setting those that failed in any "
+        "setting of the instance. Success: the share that ends within 0.1 m and 2 degrees of the "
+        "true pose, with all causes on.",
     ]
     if _has_several(table):
         sentences.insert(1, "Numbers are medians.")
@@ -127,7 +129,7 @@ def _layout(table, study, form):
     for name in estimators(table):
         rows = table[table.estimator == name]
         first = rows.iloc[0]
-        about = [name, first.kind, first.made_of, first.told.removeprefix("told ")]
+        about = [name, first.kind, first.made_of, first.told]
         line = [escaped(text, form) for text in about]
         line += [_cell(rows, of, study, form) for of in names]
         line += [f"{rows.n_failed.max()} of {rows.n_runs.max()}", _share(rows.success_rate)]
@@ -185,9 +187,8 @@ def caption(table, study):
     informed = table[table.told != ""]
     if len(informed):
         rest = "; the others none" * (len(informed) < len(table))
-        noise = informed.assign(told=informed.told.str.removeprefix("told "))
         sentences.append(
-            f"Noise of the sensor that they were told: {_grouped(noise, 'told')}{rest}."
+            f"Noise of the sensor that they were told: {_grouped(informed, 'told')}{rest}."
         )
     return " ".join([*sentences, *_treatment(table), *_lost(table, study)])
 

@@ -21,7 +21,7 @@ from icpshap.report.study import contains_zero
 
 MOST_IN_A_ROW = 4  # panels
 ROW, AROUND = 0.26, 0.45  # inch: of an estimator, and of what is above and below all of them
-LETTERS = 26  # of a title that are as long as a panel is wide
+LETTERS = 28  # of a title that are as long as a panel is wide
 LINEAR = 0.1  # up to here the axes are linear
 BAND = "#F5F5F5"
 MARK = {"linestyle": "", "markersize": 3.5, "markeredgewidth": 0.8}
@@ -134,6 +134,6 @@ HANDLES = {
 def _name(axes, table, names):
     """Names of the estimators, and below each what noise it was told."""
     told = table.groupby("estimator").told.first()
-    labels = ["\n".join(filter(None, (name, told[name]))) for name in names]
+    labels = [f"{name}\ntold {told[name]}" if told[name] else name for name in names]
     axes.set_yticks(range(len(names)), labels)
     axes.set_ylim(len(names) - 0.5, -0.5)
