@@ -22,7 +22,8 @@ class MonteCarlo(OwnNoise, ChainKind, Runs):
 
     @property
     def made_of(self):
-        return f"scatter of {self.runs} ICP runs"
+        added = ", and closed form of the sensor's own noise" * self._adds_closed_form
+        return f"scatter of {self.runs} ICP runs{added}"
 
     def estimate(self, group):
         from icpshap import icp

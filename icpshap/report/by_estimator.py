@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from tabulate import tabulate
 
-from icpshap.presets import Preset
 from icpshap.report import captions, words
 from icpshap.report.study import PAIR, Study, contains_zero
 from icpshap.report.tables import UNSURE, escaped
@@ -24,7 +23,6 @@ class Part(NamedTuple):
     """What one estimator made: tables of shap and uncertainty, and how they came about."""
 
     study: Study
-    preset: Preset
     shap: pd.DataFrame
     uncertainty: pd.DataFrame
 
@@ -48,8 +46,8 @@ def _rows(part):
         "experiment": study.name,
         "estimator": study.estimator,
         "kind": study.kind,
-        "made_of": part.preset.estimator.kind.made_of,
-        "told": told(part.preset.options),
+        "made_of": study.estimator_kind.made_of,
+        "told": told(study.options),
         "bias_correction": study.bias_correction,
         "wrong_basins": study.wrong_basins,
     }
@@ -57,19 +55,17 @@ def _rows(part):
 
 
 def told(options):
-    """The noise of the sensor that an estimator is told, by the options of its preset; "" if none.
-
-    Options by name, as `presets.Preset.options`.
-    """
-    if options.get("sensor_sigma") is None:
+    """The noise of the sensor that an estimator is told, by the options of its kind; "" if none."""
+    if not options.get("sensor_sigma"):
         return ""
     sigma = f"{words.centimetres(options['sensor_sigma'])} cm"
     said = {
         "known": f"{sigma} and σ",
         "fixed": f"{sigma} always",
         "residuals": "its residuals",
+        "draws": f"{sigma}, drawn",
     }
-    return said.get(options.get("noise"), sigma)
+    return said.get(options.get("noise", options.get("sensor_noise_by")), sigma)
 
 
 def read(path):

@@ -430,15 +430,9 @@ def tables_of_estimators(table):
     return of_each
 
 
-def parts_of_estimators(wildcards):
-    """How the numbers of each estimator came about: its study, and its options."""
-    return [
-        {
-            "study": study_of({"experiment": experiment.name}),
-            "options": CONFIG.estimators[experiment.estimator].options,
-        }
-        for experiment in experiments_of(wildcards)
-    ]
+def studies_of(wildcards):
+    """How the numbers of each estimator of an experiment of several came about."""
+    return [study_of({"experiment": found.name}) for found in experiments_of(wildcards)]
 
 
 def plugins_of_estimators(wildcards):
@@ -460,8 +454,8 @@ def code_of_estimators(rule):
 
 def study_of_estimators(wildcards):
     """What all estimators of an experiment of several have in common, under its name."""
-    first, *_ = parts_of_estimators(wildcards)
-    return {**first["study"], "name": wildcards["scope"].split("/")[0]}
+    first, *_ = studies_of(wildcards)
+    return {**first, "name": wildcards["scope"].split("/")[0]}
 
 
 def joined_sections():

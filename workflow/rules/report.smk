@@ -72,7 +72,7 @@ rule join_estimators:
     params:
         code=code_of_estimators("join_estimators"),
         plugins=plugins_of_estimators,
-        parts=parts_of_estimators,
+        studies=studies_of,
         study=study_of_estimators,
     script:
         "../scripts/join_estimators.py"

@@ -4,22 +4,20 @@ from pathlib import Path
 
 from icpshap import tables
 from icpshap.jobs.job import job
-from icpshap.presets import Preset
 from icpshap.report import by_estimator
 from icpshap.report.figures import estimators
 from icpshap.report.figures.style import save
 from icpshap.report.study import Study
 
 
-def join_estimators(paths, output, parts, study):
+def join_estimators(paths, output, studies, study):
     found = [
         by_estimator.Part(
-            Study(**part["study"]),
-            Preset.of(**part["options"]),
+            Study(**part),
             tables.read(shap, "shap"),
             tables.read(uncertainty, "uncertainty"),
         )
-        for part, shap, uncertainty in zip(parts, paths.shap, paths.uncertainty, strict=True)
+        for part, shap, uncertainty in zip(studies, paths.shap, paths.uncertainty, strict=True)
     ]
     table = by_estimator.joined(found)
     table.to_csv(output.csv, index=False)
@@ -34,4 +32,4 @@ if __name__ == "__main__":
     with job(snakemake, __file__):
         params = snakemake.params
         study = Study(**params.study)
-        join_estimators(snakemake.input, snakemake.output, params.parts, study)
+        join_estimators(snakemake.input, snakemake.output, params.studies, study)
