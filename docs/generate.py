@@ -63,7 +63,15 @@ NOTES = {
         "Exactly one of `archive`, `folder` and `simulated`: see [data.md](data.md)."
     ),
     "data.<sequence>.archive": "`url`, or `path`; where both are given, `path` is used.",
-    "experiments.<name>": "Keys that are not optional may also come from `based_on`.",
+    "experiments.<name>": (
+        "Keys that are not optional may also come from `based_on`. An experiment has `estimator`, "
+        "or `estimators: [a, b]`, of which each makes an experiment, `<name>_a` and `<name>_b`, "
+        "with a folder of its own; `run: [<name>]` selects them all. Beside them lie "
+        "`results/<name>/figures/by_estimator.png` and `results/<name>/tables/by_estimator.md`: f "
+        "and the Shapley values, a row for each estimator. All must have the same `divergence` and "
+        "perturb alike (`sensor`, `overlap_shape`), or their values would not be of one quantity. "
+        "Either key replaces both of the experiment that this one is `based_on`."
+    ),
     "experiments.<name>.instances": (
         "Exactly one of the two. It names 1 to 7 [causes](#causes), each once: they are the "
         "players. **Not named is off.** `waterfall` names the same ones."

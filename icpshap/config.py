@@ -15,7 +15,7 @@ import yaml
 from jsonschema import Draft202012Validator
 
 from icpshap import presets, schema
-from icpshap.causes import CAUSES, MOST, named
+from icpshap.causes import CAUSES, MOST, named, variants_of
 from icpshap.errors import UserError
 from icpshap.estimators import KINDS
 from icpshap.estimators.perturb import Perturbation
@@ -49,6 +49,8 @@ MOST_SETTINGS = 100_000  # of a pair; the paper's grid has 1,331
 DATA_KINDS = ("archive", "folder", "simulated")
 # Folders of results/ and results/<experiment>/ that hold something else.
 RESERVED = {"experiments": ("comparison",), "data": ("figures", "tables")}
+# Keys of an experiment of which it has one; an experiment takes that of its base unless it has any.
+WHO_ESTIMATES = ("estimator", "estimators")
 # Couples of the paper's dependence plots: the Shapley value of the first, coloured by the second.
 PAPER_COUPLES = (
     ("sensor_noise", "initial_pose"),
@@ -80,16 +82,22 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Config:
-    """The whole configuration. `sequences` and `run` select among `data` and `experiments`."""
+    """The whole configuration. `sequences` and `run` select among `data` and `experiments`.
+
+    `by_estimator`: of each experiment of several estimators, which is none of `experiments` itself,
+    the names of those that it is made of, by estimator; `joined` are those that are selected.
+    """
 
     seed: int
     sequences: tuple[str, ...]
     run: tuple[str, ...]
+    joined: tuple[str, ...]
     runs_per_job: int
     perturbation: Perturbation
     data: dict[str, Sequence]
     estimators: dict[str, Preset]
     experiments: dict[str, Experiment]
+    by_estimator: dict[str, dict[str, str]]
 
 
 def load(config):
@@ -127,10 +135,13 @@ def load(config):
             f"The configuration has {len(errors)} error(s):\n{lines}\n"
             "Hint: config.yaml explains every key; config/demo.yaml shows how to override them."
         )
+    experiments, by_estimator = _expanded(config["experiments"])
+    run = [part for name in config["run"] for part in by_estimator.get(name, {name: name}).values()]
     return Config(
         seed=config["seed"],
         sequences=tuple(config["sequences"]),
-        run=tuple(config["run"]),
+        run=tuple(dict.fromkeys(run)),
+        joined=tuple(name for name in config["run"] if name in by_estimator),
         runs_per_job=config["runs_per_job"],
         perturbation=Perturbation(**config["perturbation"]),
         data={key: _sequence(key, block) for key, block in config["data"].items()},
@@ -138,10 +149,8 @@ def load(config):
             name: Preset.of(**_inherited(config["estimators"], name))
             for name in config["estimators"]
         },
-        experiments={
-            name: _experiment(name, _inherited(config["experiments"], name), config)
-            for name in config["experiments"]
-        },
+        experiments={name: _experiment(name, block, config) for name, block in experiments.items()},
+        by_estimator=by_estimator,
     )
 
 
@@ -234,6 +243,29 @@ def _experiment(name, block, config):
     )
 
 
+def _expanded(experiments):
+    """The blocks of all experiments, of one estimator each, and which of them are joined.
+
+    An experiment of several estimators is an experiment of each; their names, by estimator, are
+    the second mapping's values.
+    """
+    blocks, by_estimator = {}, {}
+    for name in experiments:
+        block = _inherited(experiments, name)
+        if "estimators" in block:
+            by_estimator[name] = _names_by_estimator(name, block)
+            parts = by_estimator[name].items()
+        else:
+            parts = [(block["estimator"], name)]
+        blocks |= {part: {**block, "estimator": estimator} for estimator, part in parts}
+    return blocks, by_estimator
+
+
+def _names_by_estimator(name, block):
+    """Names of the experiments that one of several estimators expands into."""
+    return {estimator: f"{name}_{estimator}" for estimator in block["estimators"]}
+
+
 def _levels(instances):
     """Levels by cause of a grid or a fixed instance, in the order of the registry."""
     grid = instances.get("grid") or {name: [value] for name, value in instances["fixed"].items()}
@@ -259,7 +291,9 @@ def _inherited(blocks, name):
             raise _Unresolved(f"{name}.based_on: circle {' -> '.join([*names, base])}")
         names.append(base)
         given = {key: value for key, value in block.items() if key != "based_on"}
-        block = {**blocks[base], **given}
+        replaced = WHO_ESTIMATES if set(WHO_ESTIMATES) & set(given) else ()
+        kept = {key: value for key, value in blocks[base].items() if key not in replaced}
+        block = {**kept, **given}
     return block
 
 
@@ -288,7 +322,9 @@ def _inconsistencies(config, broken):
     if any(path in broken for path in [(), ("data",), ("estimators",), ("experiments",)]):
         return
     data, estimators, experiments = config["data"], config["estimators"], config["experiments"]
-    for key, names, section in (("sequences", data, "data"), ("run", experiments, "experiments")):
+    parts = [] if any(path[0] == "experiments" for path in broken) else _parts(experiments)
+    runnable = [*experiments, *parts]
+    for key, names, section in (("sequences", data, "data"), ("run", runnable, "experiments")):
         # A violation may lie in an entry of the list: its path is longer than the key's.
         for name in [] if any(path[:1] == (key,) for path in broken) else config[key]:
             if name not in names:
@@ -310,11 +346,15 @@ def _inconsistencies(config, broken):
     for name in experiments:
         if not any(path[0] in ("experiments", "data") for path in broken):
             block, errors = _complete("experiments", experiments, name, EXPERIMENT_KEYS)
-            yield from errors or _experiment_inconsistencies(
-                f"experiments.{name}", block, data, estimators
-            )
-            if sound and not errors:
-                yield from _what_the_estimator_cannot(f"experiments.{name}", block, estimators)
+            yield from errors or _experiment_inconsistencies(f"experiments.{name}", block, data)
+            if not errors:
+                yield from _who_estimates(f"experiments.{name}", block, estimators, sound)
+    twice = [part for part, number in Counter(runnable).items() if number > 1]
+    for part in twice:
+        yield (
+            f"experiments: two are named {part}; one of them is <experiment>_<estimator>, of "
+            "`estimators`. Hint: choose another name for the experiment or for the estimator"
+        )
 
 
 def _sequence_inconsistencies(where, block):
@@ -395,30 +435,104 @@ def _estimator_inconsistencies(name, estimators):
         yield f"estimators.{name}.noise_draws: {draws} does not divide runs: {runs}"
 
 
-def _what_the_estimator_cannot(where, block, estimators):
-    """Causes of an experiment that its estimator cannot see, or does not let act together."""
-    if block["estimator"] not in estimators:
-        return
+def _parts(experiments):
+    """Names of what experiments of several estimators expand into, as far as these resolve."""
+    found = []
+    for name in experiments:
+        block, errors = _complete("experiments", experiments, name, ())
+        if not errors and "estimators" in block:
+            found += _names_by_estimator(name, block).values()
+    return found
+
+
+def _who_estimates(where, block, estimators, sound):
+    """What is wrong with the estimators of an experiment; sound: whether those obey the schema."""
+    given = [key for key in WHO_ESTIMATES if key in block]
+    if not given:
+        yield (
+            f"{where}: missing estimator, or estimators for several. "
+            "Hint: give one of them, or `based_on` another one that has it"
+        )
+    elif len(given) > 1:
+        yield (
+            f"{where}: expected either {' or '.join(given)}, found both. "
+            "Hint: mappings of several config files are merged; give yours a name of its own, and "
+            "`based_on` this one"
+        )
+    elif given == ["estimator"]:
+        yield from _of_estimator(f"{where}.estimator", block, block["estimator"], estimators, sound)
+    else:
+        here = f"{where}.estimators"
+        for name in block["estimators"]:
+            yield from _of_estimator(f"{here}, {name}", block, name, estimators, sound)
+        if sound:
+            yield from _incomparable(here, block, estimators)
+
+
+def _of_estimator(where, block, name, estimators, sound):
+    if name not in estimators:
+        yield f"{where}: {_unknown(name, estimators)}"
+    elif sound and (preset := _preset(estimators, name)):
+        yield from _what_the_estimator_cannot(where, block, name, preset)
+
+
+def _preset(estimators, name):
+    """The preset of an estimator's name; None where its block is not sound."""
     try:
-        preset = Preset.of(**_inherited(estimators, block["estimator"]))
+        return Preset.of(**_inherited(estimators, name))
     except (_Unresolved, TypeError):
-        return
+        return None
+
+
+def _incomparable(where, block, estimators):
+    """Why the Shapley values of several estimators do not belong into one figure."""
+    known = [name for name in block["estimators"] if name in estimators]
+    presets_ = {name: preset for name in known if (preset := _preset(estimators, name))}
+    divergences = {name: preset.method.divergence for name, preset in presets_.items()}
+    if len(set(divergences.values())) > 1:
+        told = ", ".join(f"{divergence} of {name}" for name, divergence in divergences.items())
+        yield (
+            f"{where}: expected one divergence of all, found {told}: their Shapley values are of "
+            "different quantities. Hint: an estimator `based_on` one of these, with the divergence "
+            "of the others"
+        )
+    variants = {
+        name: variants_of(preset.estimator.of_causes(_levels(block["instances"])).causes)
+        for name, preset in presets_.items()
+    }
+    for name, variant in variants.items():
+        first, usual = next(iter(variants.items()))
+        if variant != usual:
+            yield (
+                f"{where}: {name} perturbs in another way than {first}: "
+                f"{_options(variant) or 'as usual'}, and {first} {_options(usual) or 'as usual'}. "
+                "Hint: an estimator `based_on` it, with the options of the others"
+            )
+
+
+def _options(variants):
+    """The options by which causes are variants, as the configuration has them."""
+    options = [f"{key}: {value}" for of in variants.values() for key, value in of.items()]
+    return ", ".join(options)
+
+
+def _what_the_estimator_cannot(where, block, name, preset):
+    """Causes of an experiment that its estimator cannot see, or does not let act together."""
     players = [preset.estimator.causes[name] for name in _levels(block["instances"])]
     sees = preset.estimator.kind.sees
     for cause in players:
         if sees is not None and cause.name not in sees:
             yield (
-                f"{where}.estimator: the kind {preset.estimator.kind.name} cannot see "
-                f"{cause.name}. "
+                f"{where}: the kind {preset.estimator.kind.name} cannot see {cause.name}. "
                 f"Hint: name only {', '.join(sees)}, or another estimator"
             )
     draws = preset.estimator.perturbing.noise_draws
     for cause in players:
         if draws < cause.fewest_noise_draws:
             yield (
-                f"{where}.estimator: {cause.name} with noise_draws: {draws} of "
-                f"{block['estimator']}, expected at least {cause.fewest_noise_draws}: all runs of "
-                "a noise draw share its error, which only many draws can show. "
+                f"{where}: {cause.name} with noise_draws: {draws} of {name}, expected at least "
+                f"{cause.fewest_noise_draws}: all runs of a noise draw share its error, which only "
+                "many draws can show. "
                 f"Hint: noise_draws: {cause.fewest_noise_draws}, in an estimator of its own, or "
                 f"leave out {cause.name}"
             )
@@ -426,15 +540,13 @@ def _what_the_estimator_cannot(where, block, estimators):
     for cause in players if replacing else []:
         if cause.hook() in ("keep", "thin") and cause not in replacing:
             yield (
-                f"{where}.estimator: {cause.name} removes rows of the raw source, which "
-                f"{replacing[0].name} of {block['estimator']} replaces by others. "
+                f"{where}: {cause.name} removes rows of the raw source, which "
+                f"{replacing[0].name} of {name} replaces by others. "
                 "Hint: leave one of them out, or set overlap_removal: raw"
             )
 
 
-def _experiment_inconsistencies(where, block, data, estimators):
-    if block["estimator"] not in estimators:
-        yield f"{where}.estimator: {_unknown(block['estimator'], estimators)}"
+def _experiment_inconsistencies(where, block, data):
     if block["pairs"] == "consecutive":
         if "sequences" not in block:
             yield f"{where}.sequences: missing; `pairs: consecutive` needs it"
@@ -636,6 +748,14 @@ def _describe(error, kinds):
         return [f"{where}: missing {', '.join(missing)}"]
     if error.validator == "enum":
         return [f"{where}: {_unknown(value, error.validator_value)}"]
+    if error.validator == "uniqueItems":
+        twice = next(item for item in value if value.count(item) > 1)
+        return [f"{where}: {error.message}. Hint: keep one {twice!r}"]
+    if error.validator == "minItems" and not value:
+        return [
+            f"{where}: expected at least one entry, found an empty list. "
+            "Hint: give one, or leave the key out"
+        ]
     if error.validator == "maxProperties":
         return [
             f"{where}: expected either {' or '.join(error.schema['properties'])}, found both. "

@@ -197,7 +197,13 @@ def _couples():
 class Experiment:
     """Keys of an experiment."""
 
-    estimator: str = option(REQUIRED, "Name of the estimator")
+    estimator: str = option(None, "Name of the estimator")
+    estimators: list = option(
+        None,
+        "Names of several estimators, in place of `estimator`: an experiment <name>_<estimator> of "
+        "each, and a figure and a table of all in results/<name>/",
+        schema=NAMES,
+    )
     sequences: list = option(
         None, "The sequences of the experiment; needed when pairs is consecutive", schema=NAMES
     )

@@ -10,6 +10,7 @@ from hashlib import sha256
 from conftest import REPOSITORY
 
 TINY = REPOSITORY / "tests" / "tiny.yaml"
+TINY_ESTIMATORS = TINY.with_name("tiny_estimators.yaml")
 CODE = ("Snakefile", "config.yaml", "icpshap", "workflow", "profiles", "reference")
 
 

@@ -1,7 +1,7 @@
 """The configuration: what it says, and what it is told when it is wrong."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import pytest
@@ -550,6 +550,107 @@ def test_everything_is_said_at_once(constant):
     assert "4 error(s)" in message
     for part in ("did you mean 'constant'?", "option of the kinds callable", "unknown cause"):
         assert part in message
+
+
+# --- several estimators of one experiment ---------------------------------------------------------
+
+
+def with_estimators(config, *names, **changes):
+    """The configuration with an experiment `several` of these estimators."""
+    several = {"based_on": "same_perturbation", "estimators": list(names)}
+    config["experiments"]["several"] = several | changes
+    return config
+
+
+def test_several_estimators_are_an_experiment_each(config):
+    with_estimators(config, "paper", "robust")
+    config["run"] = ["several", "different_perturbations", "several_paper"]
+    found = configuration.load(config)
+    assert found.run == ("several_paper", "several_robust", "different_perturbations")
+    assert found.joined == ("several",)
+    assert found.by_estimator == {"several": {"paper": "several_paper", "robust": "several_robust"}}
+    assert "several" not in found.experiments
+    for name in ("paper", "robust"):
+        config["experiments"]["mine"] = {"based_on": "same_perturbation", "estimator": name}
+        written = configuration.load(config).experiments["mine"]
+        assert replace(found.experiments[f"several_{name}"], name="mine") == written
+
+
+def test_one_of_several_can_be_run_alone(config):
+    config = with_estimators(config, "paper", "robust")
+    config["run"] = ["several_robust"]
+    found = configuration.load(config)
+    assert (found.run, found.joined) == (("several_robust",), ())
+
+
+def test_an_estimator_replaces_the_estimators_of_the_base(config):
+    with_estimators(config, "paper", "robust")
+    config["experiments"]["mine"] = {"based_on": "several", "estimator": "released_code"}
+    config["experiments"]["others"] = {"based_on": "several", "estimators": ["released_code"]}
+    found = configuration.load(config)
+    assert found.experiments["mine"].estimator == "released_code"
+    assert list(found.by_estimator["others"]) == ["released_code"]
+
+
+HERE = "experiments.several"
+
+
+@pytest.mark.parametrize(
+    ("names", "changes", "says"),
+    [
+        (["papr"], {}, f"{HERE}.estimators, papr: unknown name 'papr', did you mean 'paper'?"),
+        (["paper", "paper"], {}, f"{HERE}.estimators: ['paper', 'paper'] has non-unique elements"),
+        ([], {}, f"{HERE}.estimators: expected at least one entry, found an empty list. Hint: giv"),
+        (["paper"], {"estimators": "paper"}, f"{HERE}.estimators: expected a list, found 'paper'"),
+        (
+            ["paper"],
+            {"estimator": "robust"},
+            f"{HERE}: expected either estimator or estimators, found both. Hint: mappings of",
+        ),
+        (
+            ["paper", "metres"],
+            {},
+            f"{HERE}.estimators: expected one divergence of all, found kl of paper, "
+            "translation_rmse of metres: their Shapley values are of different quantities. Hint: ",
+        ),
+        (
+            ["paper", "sector"],
+            {},
+            f"{HERE}.estimators: sector perturbs in another way than paper: overlap_shape: sector, "
+            "and paper as usual. Hint: ",
+        ),
+        (
+            ["robust", "mine"],
+            {},
+            f"{HERE}.estimators, mine: the kind constant cannot see partial_overlap. Hint: name",
+        ),
+        (
+            ["robust", "paper"],
+            {"instances": {"fixed": {"range_bias": 0.1}}},
+            f"{HERE}.estimators, paper: range_bias with noise_draws: 1 of paper, expected at least",
+        ),
+    ],
+)
+def test_mistakes_of_several_estimators_are_named(constant, names, changes, says):
+    constant["estimators"]["metres"] = {"based_on": "paper", "divergence": "translation_rmse"}
+    constant["estimators"]["sector"] = {"based_on": "paper", "overlap_shape": "sector"}
+    assert says in errors_of(with_estimators(constant, *names, **changes))
+
+
+def test_a_name_that_is_there_already_is_named(config):
+    with_estimators(config, "paper")
+    config["experiments"]["several_paper"] = {"based_on": "same_perturbation"}
+    assert "experiments: two are named several_paper; one of them is <experiment>_<" in errors_of(
+        config
+    )
+
+
+def test_two_expansions_of_one_name_are_an_error(config):
+    config["estimators"]["paper_again"] = {"based_on": "paper"}
+    config["estimators"]["again"] = {"based_on": "paper"}
+    with_estimators(config, "paper_again")
+    config["experiments"]["several_paper"] = {"based_on": "several", "estimators": ["again"]}
+    assert "two are named several_paper_again" in errors_of(config)
 
 
 # --- causes that need something -------------------------------------------------------------------

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 import yaml
 from conftest import REPOSITORY
-from project import TINY, Project, change
+from project import TINY, TINY_ESTIMATORS, Project, change
 
 
 @pytest.fixture(scope="module")
@@ -219,6 +219,45 @@ class TestWhatRunsAgain:
     def test_editing_a_comment_does_not(self, edited):
         change(edited.code / "icpshap/se3.py", '"""Adjoint', '"""The adjoint')
         assert "run_icp" not in self.planned(edited)
+
+
+class TestSeveralEstimators:
+    """One experiment of several estimators: each an experiment of its own, all in one figure."""
+
+    FILES = ("--configfile", "tiny.yaml", "tiny_estimators.yaml")
+
+    @pytest.fixture
+    def project(self, project):
+        shutil.copy(TINY_ESTIMATORS, project.folder)
+        return project
+
+    def test_a_dry_run_plans_each_and_joins_them(self, project):
+        planned = project.planned(*self.FILES)
+        assert planned["explain_sequence"] == 4 and planned["join_estimators"] == 1
+        alone = project.planned(*self.FILES, "--config", "run=[tiny_by_estimator_tiny_gicp]")
+        assert alone["explain_sequence"] == 1 and "join_estimators" not in alone
+
+    @pytest.mark.slow
+    def test_all_are_in_one_figure_one_table_and_the_report(self, project):
+        said = project.run(*self.FILES)
+        results = project.folder / "results"
+        table = pd.read_csv(results / "tiny_by_estimator/tables/by_estimator.csv")
+        names = ["tiny", "tiny_closed_form", "tiny_gicp", "tiny_fitness"]
+        assert list(table.estimator) == names
+        for row in table.itertuples():
+            shap = pd.read_parquet(results / f"tiny_by_estimator_{row.estimator}/shap.parquet")
+            assert row.phi_sensor_noise == pytest.approx(shap.phi_sensor_noise.item())
+        assert list(table.phi_sensor_noise_low.isna()) == [False, False, False, True]
+        assert (table.phi_initial_pose[1:] == 0).all()
+        folder = results / "tiny_by_estimator"
+        for path in ("by_estimator.png", "by_estimator.svg", "by_estimator.txt"):
+            assert (folder / "figures" / path).is_file()
+        for path in ("by_estimator.md", "by_estimator.tex"):
+            assert (folder / "tables" / path).is_file()
+        page = (results / "report.html").read_text()
+        assert 'id="tiny_by_estimator"' in page and 'id="tiny_by_estimator-by_estimator"' in page
+        assert "results/tiny_by_estimator/ (figures/by_estimator.png, tables/by_estimator.m" in said
+        assert "Nothing to be done" in project.run(*self.FILES)
 
 
 def test_a_dry_run_needs_no_data_and_no_network(project):

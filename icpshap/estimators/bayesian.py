@@ -79,6 +79,10 @@ class Bayesian(Kind):
             "Hint: a smaller burn_in or more iterations"
         )
 
+    @property
+    def made_of(self):
+        return "scatter of states of a Markov chain"
+
     def spread(self, noise_draws):
         return (
             "The spread is that of the states of a Markov chain (stochastic gradient Langevin "

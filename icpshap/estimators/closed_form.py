@@ -93,6 +93,10 @@ class ClosedForm(ChainKind):
         also = " and the sensor noise of the setting" * (self.noise == "known")
         return f"told {told(self.sensor_sigma)} for the sensor's own{also}"
 
+    @property
+    def made_of(self):
+        return f"closed form, {self.metric.replace('_', ' ')}, {self.links} links"
+
     def estimate(self, group):
         from icpshap import icp
 

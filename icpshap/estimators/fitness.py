@@ -45,6 +45,10 @@ class Fitness(ChainKind):
             f"the constants of {self.formula}: it knows no direction, and was told no noise."
         )
 
+    @property
+    def made_of(self):
+        return f"fitness score, as in {self.formula}"
+
     def estimate(self, group):
         from icpshap import icp
 

@@ -76,6 +76,11 @@ class Gicp(Kind):
             "no noise of the sensor."
         )
 
+    @property
+    def made_of(self):
+        scaled = " times the variance of the residuals" * (self.scale == "residuals")
+        return f"inverse Hessian of generalised ICP{scaled}"
+
     def estimate(self, group):
         reference = Planar.of(group.reference, self.neighbours)
         for same in perturb.alike(group.starts):

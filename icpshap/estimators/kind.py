@@ -131,6 +131,12 @@ class Kind:
         return ()
 
     @property
+    def made_of(self):
+        """What the covariance of a setting is made of, in a few words without an article."""
+        parts = ["scatter of the samples"] * self.returns.samples
+        return " and ".join(parts + ["covariances of its own"] * self.returns.covariances)
+
+    @property
     def conflict(self):
         """What is wrong with its options together, after the name of one of them; "" if nothing."""
         return ""

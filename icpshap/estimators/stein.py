@@ -72,6 +72,10 @@ class Stein(Kind):
         maximum=1e6,
     )
 
+    @property
+    def made_of(self):
+        return "scatter of particles of Stein ICP"
+
     def spread(self, noise_draws):
         return (
             "The spread is that of particles that repel one another (Stein ICP), at a likelihood "

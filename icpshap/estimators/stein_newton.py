@@ -65,6 +65,10 @@ class SteinNewton(Kind):
         maximum=1e6,
     )
 
+    @property
+    def made_of(self):
+        return "scatter of particles of SVN-ICP"
+
     def spread(self, noise_draws):
         return (
             "The spread is that of particles that take Newton steps (SVN-ICP) at a likelihood of "

@@ -55,6 +55,11 @@ class Unscented(ClosedForm):
         return self.returns
 
     @property
+    def made_of(self):
+        bias = ", and a bias" * self.bias
+        return f"scatter of {SIGMA_POINTS} sigma points, and {super().made_of}{bias}"
+
+    @property
     def conflict(self):
         if self.bias and self.metric == "point_to_point":
             return (

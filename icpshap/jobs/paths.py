@@ -21,6 +21,8 @@ FIGURE = "results/{scope}/figures/{figure}.{kind}"
 SCENE = "results/{experiment}/{sequence}/figures/scene_{reference}-{source}.{kind}"
 MEDIANS = "results/{scope}/tables/median_shap.{kind}"
 OUTLIER_RULES = "results/{scope}/tables/outlier_rules.csv"
+BY_ESTIMATOR = "results/{scope}/tables/by_estimator.{kind}"
+BY_ESTIMATOR_FIGURE = "results/{scope}/figures/by_estimator.{kind}"
 COMPARISON = "results/comparison/paper.{kind}"
 
 REPORT = "results/report.html"

@@ -108,7 +108,7 @@ def significance(table, study):
 
 def finding(table, study):
     """The main finding of an experiment in one sentence; what limits it comes first."""
-    where = f"{study.name} ({_which_pairs(table, study)})"
+    where = f"{study.name} ({which_pairs(table, study)})"
     if len(study.valued(table)) == 0:
         first = [effects.success(table, study), effects.no_basin(table, study)]
         found = f"{where}: {'; '.join(filter(None, [*first, 'no pair has a value']))}."
@@ -340,8 +340,8 @@ def of_directions(table, shap, study):
     opening = (
         "Variance along the axes of the reference, at the origin of the source scanner, in all and "
         "along the weakest direction, and the mean squared error: clean, what each cause adds "
-        f"(Shapley values), and with all causes on, {_which_pairs(shown, study)} "
-        f"{_which_instances(shown, study)}{', medians' * (len(shown) > 1)}. Numbers are squares of "
+        f"(Shapley values), and with all causes on, {which_pairs(shown, study)} "
+        f"{which_instances(shown, study)}{', medians' * (len(shown) > 1)}. Numbers are squares of "
         "the unit that a row names; in small, the standard deviation or RMSE that remains without "
         "a cause; the last column is that of the clean setting and with all causes on. Along the "
         "weakest direction a rotation counts as what it moves at the pair's characteristic length."
@@ -364,7 +364,8 @@ def _opening(figure, table, study):
     return OPENINGS[figure](table, study)
 
 
-def _which_pairs(table, study):
+def which_pairs(table, study):
+    """The pairs of a table in words."""
     pairs = pairs_of(table)
     if len(pairs) == 1:
         return study.pair(next(pairs.itertuples()))
@@ -372,7 +373,8 @@ def _which_pairs(table, study):
     return f"{len(pairs)} pairs of {names}"
 
 
-def _which_instances(table, study):
+def which_instances(table, study):
+    """The perturbations of a table in words."""
     shown = study.shown(table)
     levels = table[[cause.name for cause in shown]].drop_duplicates()
     if len(levels) == 1:
@@ -383,8 +385,8 @@ def _which_instances(table, study):
 
 def _summary(table, study):
     text = (
-        f"Shapley values of the causes, {_which_pairs(table, study)} "
-        f"{_which_instances(table, study)}; a dot is an instance."
+        f"Shapley values of the causes, {which_pairs(table, study)} "
+        f"{which_instances(table, study)}; a dot is an instance."
     )
     if study.interval_over(table):
         text += (
@@ -397,7 +399,7 @@ def _summary(table, study):
 def _waterfall(table, study):
     text = (
         f"What f = {words.number(table.f.iloc[0])} {study.unit} is made of, "
-        f"{_which_pairs(table, study)} at "
+        f"{which_pairs(table, study)} at "
         f"{words.describe_values(table.iloc[0], study.shown(table))}."
     )
     if study.interval_over(table):
@@ -421,7 +423,7 @@ def _dependence(cause, other, table, study):
     marks = bool(study.interval_over(table))
     text = (
         f"Shapley value of {cause.title} over its own value, coloured by {other.title}, "
-        f"{_which_pairs(table, study)} {_which_instances(table, study)}. Within a level, dots are "
+        f"{which_pairs(table, study)} {which_instances(table, study)}. Within a level, dots are "
         f"set side by side by {other.symbol}; the line is their median, "
         f"{'' if marks else 'and '}the band holds the central 90 %"
     )
@@ -434,7 +436,7 @@ def _dependence(cause, other, table, study):
 
 
 def _interactions(table, study):
-    where = f"{_which_pairs(table, study)} {_which_instances(table, study)}"
+    where = f"{which_pairs(table, study)} {which_instances(table, study)}"
     ring = " A ring marks a cell of which most 95 % intervals contain 0."
     ring *= bool(study.interval_over(table))
     if len(study.shown(table)) == 1:
@@ -451,8 +453,8 @@ def _interactions(table, study):
 
 def _pairs(table, study):
     text = (
-        f"Shapley values and f of every pair, {_which_pairs(table, study)} "
-        f"{_which_instances(table, study)}"
+        f"Shapley values and f of every pair, {which_pairs(table, study)} "
+        f"{which_instances(table, study)}"
     )
     if study.interval_over(table):
         text += ", with 95 % intervals; open dots cannot be distinguished from zero"

@@ -9,7 +9,7 @@ import yaml
 from jinja2 import Environment, FileSystemLoader
 from markupsafe import Markup
 
-from icpshap.report import captions, directions, effects, tables
+from icpshap.report import by_estimator, captions, directions, effects, tables
 from icpshap.report.study import Study
 
 TEMPLATE = Path(__file__).with_suffix(".html")
@@ -34,6 +34,22 @@ class Section:
     links: list
 
 
+@dataclass(frozen=True)
+class Estimators:
+    """What the page says of an experiment of several estimators, or of one sequence of it.
+
+    table: of `by_estimator`; parts: names of the experiments of its estimators; figure: path of an
+    SVG file beside a .txt with its caption; links: paths of files.
+    """
+
+    scope: str
+    study: Study
+    table: object
+    parts: list
+    figure: str
+    links: list
+
+
 def warnings(section):
     """Everything that makes the section's numbers doubtful, a line each."""
     lines = captions.warnings(section.shap, section.study)
@@ -44,18 +60,23 @@ def warnings(section):
     return lines
 
 
-def page(sections, run, folder, comparison=None):
+def page(sections, run, folder, comparison=None, joined=()):
     """The page as HTML, with every picture inside it.
 
     run: what `jobs.provenance.provenance` returned; folder: where the page will lie, which links
-    start from; comparison: (SVG path, caption, HTML table) of ours against the paper.
+    start from; comparison: (SVG path, caption, HTML table) of ours against the paper; joined: list
+    of `Estimators`, whose parts are among the sections.
     """
     environment = Environment(
         loader=FileSystemLoader(TEMPLATE.parent), autoescape=True, trim_blocks=False
     )
     run = dict(run)
     configuration = yaml.safe_dump(run.pop("config"), sort_keys=False, allow_unicode=True)
+    parts = _parts(joined)
     return environment.get_template(TEMPLATE.name).render(
+        findings=_findings(sections, joined),
+        joined=[_described_estimators(part, folder) for part in joined],
+        parts=[section.scope for section in sections if section.study.name in parts],
         sections=[_described(section, folder) for section in sections],
         comparison=comparison and _comparison(*comparison),
         run=run,
@@ -63,16 +84,50 @@ def page(sections, run, folder, comparison=None):
     )
 
 
-def summary(sections, page_path):
+def summary(sections, page_path, joined=()):
     """The end of a run in a few lines: where the results are, and the main findings."""
     lines = ["", f"Report: {page_path}"]
-    for section in sections:
+    for part in joined:
+        lines.append(
+            f"Results: results/{part.scope}/ (figures/by_estimator.png, tables/by_estimator.md), "
+            f"and results/{part.study.name}_<estimator>/ of each of {len(part.parts)} estimators"
+        )
+    for section in _alone(sections, joined):
         lines.append(f"Results: results/{section.scope}/ (figures, tables, shap.parquet)")
-    lines += ["", *(captions.finding(section.shap, section.study) for section in sections)]
+    lines += ["", *_findings(sections, joined)]
     number = sum(len(warnings(section)) for section in sections)
     if number:
         lines.append(f"The report opens with {number} warning{'s' * (number > 1)}.")
     return "\n".join(lines) + "\n"
+
+
+def _parts(joined):
+    """Names of the experiments that are told together."""
+    return {name for part in joined for name in part.parts}
+
+
+def _alone(sections, joined):
+    """The sections that are no parts of an experiment of several estimators."""
+    return [section for section in sections if section.study.name not in _parts(joined)]
+
+
+def _findings(sections, joined):
+    """The main findings, a sentence each; of several estimators one of all together."""
+    together = [by_estimator.finding(part.table, part.study) for part in joined]
+    alone = _alone(sections, joined)
+    return together + [captions.finding(section.shap, section.study) for section in alone]
+
+
+def _described_estimators(part, folder):
+    anchor = part.scope.replace("/", "-")
+    return {
+        "title": part.scope,
+        "anchor": anchor,
+        "figure": _figure(part.figure, anchor, folder, []),
+        "table": Markup(by_estimator.html(part.table, part.study)),
+        "note": by_estimator.note(part.table, part.study),
+        "links": [_relative(link, folder) for link in part.links],
+    }
 
 
 def _described(section, folder):

@@ -401,6 +401,77 @@ def selected_scopes():
     return [(experiment, scope) for experiment in experiments for scope in scopes(experiment)]
 
 
+def joined_scopes():
+    """Name and scope of the experiments of several estimators that are selected."""
+    return [
+        (name, scope.replace(first, name, 1))
+        for name in CONFIG.joined
+        for first in [next(iter(CONFIG.by_estimator[name].values()))]
+        for scope in scopes(CONFIG.experiments[first])
+    ]
+
+
+def experiments_of(wildcards):
+    """The experiments that one of several estimators, with a wildcard {scope}, is made of."""
+    name = wildcards["scope"].split("/")[0]
+    return [CONFIG.experiments[part] for part in CONFIG.by_estimator[name].values()]
+
+
+def tables_of_estimators(table):
+    """Input function: a table of each estimator, of an experiment of several or a sequence of it."""
+
+    def of_each(wildcards):
+        _, *sequence = wildcards.scope.split("/")
+        return [
+            at(paths.TABLE, scope="/".join([experiment.name, *sequence]), table=table)
+            for experiment in experiments_of(wildcards)
+        ]
+
+    return of_each
+
+
+def studies_of(wildcards):
+    """How the numbers of each estimator of an experiment of several came about."""
+    return [study_of({"experiment": found.name}) for found in experiments_of(wildcards)]
+
+
+def plugins_of_estimators(wildcards):
+    """Names of the causes and the kinds of all estimators of an experiment of several."""
+    each = [plugins_of({"experiment": found.name}) for found in experiments_of(wildcards)]
+    return {
+        "kinds": sorted({names["kind"] for names in each}),
+        "causes": sorted({cause for names in each for cause in names["causes"]}),
+    }
+
+
+def code_of_estimators(rule):
+    """Digest of a rule's script with the causes and the kinds of all of its estimators."""
+    script = f"{workflow.basedir}/workflow/scripts/{rule}.py"
+    return lambda wildcards: digests.code_digest(
+        script, digests.plugins(plugins_of_estimators(wildcards))
+    )
+
+
+def study_of_estimators(wildcards):
+    """What all estimators of an experiment of several have in common, under its name."""
+    first, *_ = studies_of(wildcards)
+    return {**first, "name": wildcards["scope"].split("/")[0]}
+
+
+def joined_sections():
+    """What the report reads of each selected experiment of several estimators."""
+    return [
+        {
+            "scope": scope,
+            "study": study_of_estimators({"scope": scope}),
+            "parts": [found.name for found in experiments_of({"scope": scope})],
+            "table": at(paths.BY_ESTIMATOR, scope=scope, kind="csv"),
+            "figure": at(paths.BY_ESTIMATOR_FIGURE, scope=scope, kind="svg"),
+        }
+        for _, scope in joined_scopes()
+    ]
+
+
 def sections():
     """What report and comparison read of each selected scope."""
     return [
@@ -419,10 +490,18 @@ def sections():
 
 
 def compared_sections():
-    """The sections with a sequence that the paper has values of."""
+    """The sections with a sequence that the paper has values of.
+
+    Without those of several estimators, which have a figure of their own.
+    """
+    apart = {part for name in CONFIG.joined for part in CONFIG.by_estimator[name].values()}
     with open(f"{workflow.basedir}/reference/table1.csv", encoding="utf-8") as table:
         known = {row["sequence"] for row in csv.DictReader(table)}
-    return [section for section in sections() if known & set(section["study"]["titles"])]
+    return [
+        section
+        for section in sections()
+        if known & set(section["study"]["titles"]) and section["study"]["name"] not in apart
+    ]
 
 
 def files_of(sections, *tables):
@@ -460,6 +539,10 @@ def targets():
         found += scenes_of(experiment, scope, "html")
         if rankings_of(experiment, scope):
             found += [at(paths.MEDIANS, scope=scope, kind=kind) for kind in ("csv", "md", "tex")]
+    for _, scope in joined_scopes():
+        tables = [at(paths.BY_ESTIMATOR, scope=scope, kind=kind) for kind in ("csv", "md", "tex")]
+        kinds = ("png", "svg", "txt")
+        found += tables + [at(paths.BY_ESTIMATOR_FIGURE, scope=scope, kind=kind) for kind in kinds]
     if compared_sections():
         found += [at(paths.COMPARISON, kind=k) for k in ("csv", "md", "png", "svg", "txt")]
     if not found:

@@ -1,6 +1,7 @@
 """Tables for people, the comparison with the paper, and the report.
 
 Outputs: results/{scope}/tables/median_shap.{csv,md,tex}, results/{scope}/tables/outlier_rules.csv,
+results/{scope}/tables/by_estimator.{csv,md,tex}, results/{scope}/figures/by_estimator.{png,svg,txt},
 where {scope} is an experiment or one sequence of it; and, for all that was selected,
 results/comparison/paper.{csv,md,png,svg}, results/provenance.yaml, results/{report.html,summary.txt},
 results/checksums.sha256
@@ -41,6 +42,40 @@ rule median_table:
         seed=CONFIG.seed,
     script:
         "../scripts/median_table.py"
+
+
+rule join_estimators:
+    """Set the estimators of an experiment of several side by side."""
+    input:
+        shap=tables_of_estimators("shap"),
+        uncertainty=tables_of_estimators("uncertainty"),
+    output:
+        png=report(
+            at(paths.BY_ESTIMATOR_FIGURE, kind="png"),
+            caption="../report/figure.rst",
+            category="{scope}",
+            subcategory="Figures",
+            labels={"figure": "by estimator"},
+        ),
+        svg=at(paths.BY_ESTIMATOR_FIGURE, kind="svg"),
+        caption=at(paths.BY_ESTIMATOR_FIGURE, kind="txt"),
+        csv=at(paths.BY_ESTIMATOR, kind="csv"),
+        md=at(paths.BY_ESTIMATOR, kind="md"),
+        tex=at(paths.BY_ESTIMATOR, kind="tex"),
+    log:
+        "logs/join_estimators/{scope}.log",
+    benchmark:
+        "logs/join_estimators/{scope}.tsv"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        code=code_of_estimators("join_estimators"),
+        plugins=plugins_of_estimators,
+        studies=studies_of,
+        study=study_of_estimators,
+    script:
+        "../scripts/join_estimators.py"
 
 
 rule compare_with_paper:
@@ -102,6 +137,7 @@ rule report:
         files_of(sections(), "shap", "directions", "uncertainty", "pairs"),
         # Both or none: where no selected sequence is of the paper, there is nothing to compare.
         compared=[at(paths.COMPARISON, kind=kind) for kind in ("csv", "svg") if compared_sections()],
+        joined=[section[of] for section in joined_sections() for of in ("table", "figure")],
         provenance=paths.PROVENANCE,
         template=f"{workflow.basedir}/icpshap/report/page.html",
     output:
@@ -122,6 +158,7 @@ rule report:
     params:
         code=code("report"),
         sections=sections(),
+        joined=joined_sections(),
         titles=titles(),
     script:
         "../scripts/report.py"

@@ -7,7 +7,7 @@ import yaml
 
 from icpshap import tables
 from icpshap.jobs.job import job
-from icpshap.report import comparison, page
+from icpshap.report import by_estimator, comparison, page
 from icpshap.report.study import Study
 
 
@@ -27,17 +27,23 @@ def section(scope, study, shap, directions, uncertainty, pairs, figures, ranking
     )
 
 
-def make_report(output, sections, provenance, compared, titles):
+def of_estimators(scope, study, parts, table, figure):
+    return page.Estimators(scope, Study(**study), by_estimator.read(table), parts, figure, [table])
+
+
+def make_report(output, sections, joined, provenance, compared, titles):
     sections = [section(**part) for part in sections]
+    joined = [of_estimators(**part) for part in joined]
     run = yaml.safe_load(Path(provenance).read_text(encoding="utf-8"))
     against = None
     if compared:
         csv, svg = compared
         table = pd.read_csv(csv)
         against = (svg, comparison.caption(table), comparison.html(table, titles))
-    text = page.page(sections, run, Path(output.page).parent, against)
+    text = page.page(sections, run, Path(output.page).parent, against, joined)
     Path(output.page).write_text(text, encoding="utf-8")
-    Path(output.summary).write_text(page.summary(sections, output.page), encoding="utf-8")
+    summary = page.summary(sections, output.page, joined)
+    Path(output.summary).write_text(summary, encoding="utf-8")
 
 
 if __name__ == "__main__":
@@ -46,6 +52,7 @@ if __name__ == "__main__":
         make_report(
             snakemake.output,
             params.sections,
+            params.joined,
             snakemake.input.provenance,
             snakemake.input.compared,
             params.titles,

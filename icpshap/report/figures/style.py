@@ -87,13 +87,13 @@ def mark_noise_floor(span, null_95):
         span(0, null_95, color=FAINT, zorder=-2, linewidth=0, label="noise floor of f (95 %)")
 
 
-def symmetric_logarithmic(axes, direction):
-    """Make the x or y axis linear up to 1 and logarithmic beyond, for small and huge values."""
-    {"x": axes.set_xscale, "y": axes.set_yscale}[direction]("symlog", linthresh=1)
+def symmetric_logarithmic(axes, direction, linear=1.0):
+    """Make the x or y axis linear up to a value and logarithmic beyond, for small and huge ones."""
+    {"x": axes.set_xscale, "y": axes.set_yscale}[direction]("symlog", linthresh=linear)
     axes.autoscale(axis=direction)
     largest = np.abs({"x": axes.get_xlim, "y": axes.get_ylim}[direction]()).max()
-    step = 1 if largest < 1e4 else 2
-    powers = 10.0 ** np.arange(0, 20, step)
+    step = 1 if largest < 1e4 * linear else 2
+    powers = linear * 10.0 ** np.arange(0, 20, step)
     axis = {"x": axes.xaxis, "y": axes.yaxis}[direction]
     axis.set_major_locator(FixedLocator([*-powers[::-1], 0, *powers]))
     axis.set_major_formatter(FuncFormatter(power_of_ten))
