@@ -79,6 +79,16 @@ class OwnNoise(Kind):
     def fewest_noise_draws(self):
         return FEWEST_DRAWS if self.drawn_sigma else 1
 
+    @property
+    def made_of(self):
+        added = ", and closed form of the sensor's own noise" * self.adds_closed_form
+        return f"scatter of {self.runs} {self._run_of}{added}"
+
+    @property
+    def _run_of(self):
+        """What its runs are of, in the plural."""
+        return "ICP runs"
+
     def spread(self, noise_draws):
         runs = (
             "The spread of a setting is that of its runs: of initial poses, of subsamples and of "

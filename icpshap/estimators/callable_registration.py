@@ -74,6 +74,10 @@ class CallableRegistration(OwnNoise, Runs):
             )
 
     @property
+    def _run_of(self):
+        return f"calls of {self._called.rpartition(':')[-1]}"
+
+    @property
     def _called(self):
         """What messages call the function."""
         if isinstance(self.register, str):

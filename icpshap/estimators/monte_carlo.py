@@ -20,11 +20,6 @@ class MonteCarlo(OwnNoise, ChainKind, Runs):
     name: ClassVar = "monte_carlo"
     returns: ClassVar = SAMPLES
 
-    @property
-    def made_of(self):
-        added = ", and closed form of the sensor's own noise" * self._adds_closed_form
-        return f"scatter of {self.runs} ICP runs{added}"
-
     def estimate(self, group):
         from icpshap import icp
 

@@ -68,7 +68,7 @@ def plugin_names(estimator):
 
 
 def plugins(names):
-    """What has these names: `kind` or `kinds`, `modules` and `causes`, and the `format` by its suffix."""
+    """What has these names: `kind` or `kinds`, `modules`, `causes`; the `format` by its suffix."""
     found = [KINDS[names["kind"]]] if "kind" in names else []
     found += [KINDS[name] for name in names.get("kinds", ())]
     found += [registry.imported(name) for name in names.get("modules", ())]

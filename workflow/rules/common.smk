@@ -436,12 +436,13 @@ def studies_of(wildcards):
 
 
 def plugins_of_estimators(wildcards):
-    """Names of the causes and the kinds of all estimators of an experiment of several."""
+    """What `digests.plugins` finds all estimators of an experiment of several and its causes by."""
     each = [plugins_of({"experiment": found.name}) for found in experiments_of(wildcards)]
-    return {
-        "kinds": sorted({names["kind"] for names in each}),
-        "causes": sorted({cause for names in each for cause in names["causes"]}),
+    together = {
+        key: sorted({name for names in each for name in names.get(key, ())})
+        for key in ("modules", "causes")
     }
+    return {"kinds": sorted({names["kind"] for names in each}), **together}
 
 
 def code_of_estimators(rule):
