@@ -213,18 +213,11 @@ def _sequence(key, block):
 def _experiment(name, block, config):
     levels = _levels(block["instances"])
     waterfall = block.get("waterfall") or block["instances"].get("fixed")
-    if block["pairs"] == "consecutive":
-        pairs = {
-            sequence: tuple((i, i + 1) for i in range(config["data"][sequence]["scans"] - 1))
-            for sequence in block["sequences"]
-        }
-    else:
-        pairs = _by_sequence(block["pairs"])
     couples = [couple for couple in PAPER_COUPLES if set(couple) <= set(levels)]
     return Experiment(
         name=name,
         estimator=block["estimator"],
-        pairs=pairs,
+        pairs=_pairs(block, config["data"]),
         levels=levels,
         replicates=block.get("replicates", 1),
         figures=tuple(block["figures"]),
@@ -238,6 +231,16 @@ def _levels(instances):
     """Levels by cause of a grid or a fixed instance, in the order of the registry."""
     grid = instances.get("grid") or {name: [value] for name, value in instances["fixed"].items()}
     return {cause.name: expand_levels(grid[cause.name]) for cause in named(grid)}
+
+
+def _pairs(block, data):
+    """The pairs of an experiment's block by sequence."""
+    if block["pairs"] != "consecutive":
+        return _by_sequence(block["pairs"])
+    return {
+        sequence: tuple((i, i + 1) for i in range(data[sequence]["scans"] - 1))
+        for sequence in block["sequences"]
+    }
 
 
 def _by_sequence(pairs):
@@ -315,6 +318,7 @@ def _inconsistencies(config, broken):
             )
             if sound and not errors:
                 yield from _what_the_estimator_cannot(f"experiments.{name}", block, estimators)
+                yield from _training_inconsistencies(name, block, config)
 
 
 def _sequence_inconsistencies(where, block):
@@ -391,11 +395,8 @@ def _estimator_inconsistencies(name, estimators):
 
 def _what_the_estimator_cannot(where, block, estimators):
     """Causes of an experiment that its estimator cannot see, or does not let act together."""
-    if block["estimator"] not in estimators:
-        return
-    try:
-        preset = Preset.of(**_inherited(estimators, block["estimator"]))
-    except (_Unresolved, TypeError):
+    preset = _preset(block["estimator"], estimators)
+    if preset is None:
         return
     players = [preset.estimator.causes[name] for name in _levels(block["instances"])]
     sees = preset.estimator.kind.sees
@@ -424,6 +425,69 @@ def _what_the_estimator_cannot(where, block, estimators):
                 f"{replacing[0].name} of {block['estimator']} replaces by others. "
                 "Hint: leave one of them out, or set overlap_removal: raw"
             )
+
+
+def _preset(name, estimators):
+    """The `Preset` of the estimator of this name; None if something else is wrong with it."""
+    if name not in estimators:
+        return None
+    try:
+        return Preset.of(**_inherited(estimators, name))
+    except (_Unresolved, TypeError):
+        return None
+
+
+def _training_inconsistencies(name, block, config):
+    """What is wrong with the experiment that the estimator of another one learns from."""
+    data, estimators, experiments = config["data"], config["estimators"], config["experiments"]
+    preset = _preset(block["estimator"], estimators)
+    if preset is None or preset.estimator.kind.training is None:
+        return
+    kind, where = preset.estimator.kind, f"estimators.{block['estimator']}.training"
+    training = kind.training
+    if training not in experiments:
+        yield f"{where}: {_unknown(training, experiments)} Hint: define it under experiments"
+        return
+    other, errors = _complete("experiments", experiments, training, EXPERIMENT_KEYS)
+    if errors or any(
+        any(_experiment_inconsistencies("", checked, data, estimators))
+        for checked in (block, other)
+    ):
+        return  # that is said where it is wrong
+    teacher = _preset(other["estimator"], estimators)
+    if teacher is not None and not teacher.estimator.returned.samples:
+        yield (
+            f"{where}: the estimator {other['estimator']} of {training} is of the kind "
+            f"{teacher.estimator.kind.name}, which returns no pose samples to learn from. "
+            "Hint: name an experiment whose estimator is of the kind monte_carlo"
+        )
+        return
+    pairs = _pairs(other, data)
+    if name in config["run"]:
+        yield from _training_not_selected(where, name, training, pairs, config)
+    for sequence in _pairs(block, data):
+        number = sum(len(pairs[known]) for known in pairs if known != sequence)
+        if number < kind.fewest_pairs:
+            yield (
+                f"{where}: for {sequence} of {name}, {training} has {number} pairs of other "
+                f"sequences to learn from, expected at least {kind.fewest_pairs}. "
+                "Hint: more sequences, or more scans, there"
+            )
+
+
+def _training_not_selected(where, name, training, sequences, config):
+    if training not in config["run"]:
+        yield (
+            f"{where}: {name} learns from {training}, which is not selected. "
+            f"Hint: run: [{', '.join([*config['run'], training])}]"
+        )
+    missing = [sequence for sequence in sequences if sequence not in config["sequences"]]
+    if missing:
+        yield (
+            f"{where}: {name} learns from all sequences of {training}, of which "
+            f"{', '.join(missing)} are not selected. Hint: select them under sequences, or learn "
+            "from an experiment that has only those that are"
+        )
 
 
 def _experiment_inconsistencies(where, block, data, estimators):

@@ -105,13 +105,16 @@ class Kind:
 
     `name` is what `kind:` gives; `sees`: names of the causes that it can see, or None for all;
     `one_subsample`: whether all runs of a noise draw use one subsample of the source, that of the
-    first of them.
+    first of them; `training`: name of the experiment that it learns from, or None if it does not;
+    `fewest_pairs`: how many pairs of other sequences that must have.
     """
 
     name: ClassVar[str]
     returns: ClassVar[Returns]
     sees: ClassVar[tuple[str, ...] | None] = None
     one_subsample: ClassVar[bool] = False
+    training: ClassVar[str | None] = None
+    fewest_pairs: ClassVar[int] = 0
 
     @property
     def conflict(self):
@@ -135,6 +138,13 @@ class Kind:
     def fewest_noise_draws(self):
         """The number of noise draws below which its options cannot be what they say."""
         return 1
+
+    def trained(self, table, leave_out):
+        """The same after it has learned from a descriptors table, but for the sequence leave_out.
+
+        Of kinds that have a `training`.
+        """
+        raise NotImplementedError
 
     def estimate(self, group):
         """Yields `Samples`, `Covariance` or both for every start of a perturb.Group."""
