@@ -19,6 +19,7 @@ from matplotlib.patches import Rectangle
 from icpshap import causes, options, presets, schema
 from icpshap.causes._sensors import SENSORS
 from icpshap.estimators import KINDS, option_owners
+from icpshap.estimators._descriptors import CELL
 from icpshap.explanation import shapley
 from icpshap.explanation.method import Method
 from icpshap.jobs import paths
@@ -371,7 +372,7 @@ NOTES_OF_TABLES = {
     "estimates": "For estimators that return covariances. A job holds one pair or several.",
     "descriptors": (
         "For experiments that an estimator of the kind `learned` names in `training`. Cells are "
-        "cubes of 1 m in which both scans have points; everything is in the source's axes."
+        f"cubes of {CELL} m in which both scans have points; everything is in the source's axes."
     ),
 }
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from icpshap import se3
 
-CELL = 1.0  # m, edge of a cell
+CELL = 0.5  # m, edge of a cell
 FEWEST_POINTS = 5  # of a cloud in a cell, from which they have a shape
 FEWEST_CELLS = 3  # in which both clouds have points, one of them a shape: else no descriptor
 QUARTILES = (0.25, 0.5, 0.75)

@@ -11,7 +11,7 @@ from made_examples import made_examples
 from icpshap import estimators, se3
 from icpshap.data.pair import Pair
 from icpshap.estimators import Estimator
-from icpshap.estimators._descriptors import DIRECTIONS, Cells, descriptor
+from icpshap.estimators._descriptors import CELL, DIRECTIONS, Cells, descriptor
 from icpshap.estimators.learned import Examples, Learned, TrainingError, predict
 from icpshap.explanation import training
 from icpshap.explanation.method import Method
@@ -150,7 +150,7 @@ class TestDescriptor:
             "shape_linear": 0.0,
             "shape_planar": 1.0,
             "thickness_3": 0.0,
-            "log_cells": np.log(16),
+            "log_cells": np.log(64),
             "log_source_points": np.log(6400),
             "shared_reference_points": 1.0,
         }
@@ -169,12 +169,12 @@ class TestDescriptor:
         assert np.abs(DIRECTIONS @ DIRECTIONS.T - np.eye(13)).max() < 0.9
 
     def test_cells_hold_what_numpy_says_of_their_points(self):
-        points = np.random.default_rng(4).uniform(-3, 3, (500, 3))
+        points = np.random.default_rng(4).uniform(-1, 1, (500, 3))
         cells = Cells.of(points)
         assert cells.number.sum() == 500
-        place = np.floor(points[0])
-        inside = points[(np.floor(points) == place).all(axis=1)]
-        (row,) = np.flatnonzero((np.floor(cells.mean) == place).all(axis=1))
+        place = np.floor(points[0] / CELL)
+        inside = points[(np.floor(points / CELL) == place).all(axis=1)]
+        (row,) = np.flatnonzero((np.floor(cells.mean / CELL) == place).all(axis=1))
         assert cells.mean[row] == pytest.approx(inside.mean(axis=0))
         assert cells.covariance[row] == pytest.approx(np.cov(inside.T, bias=True))
 
