@@ -19,6 +19,7 @@ from matplotlib.patches import Rectangle
 from icpshap import causes, options, presets, schema
 from icpshap.causes._sensors import SENSORS
 from icpshap.estimators import KINDS, option_owners
+from icpshap.estimators._descriptors import CELL
 from icpshap.explanation import shapley
 from icpshap.explanation.method import Method
 from icpshap.jobs import paths
@@ -359,6 +360,7 @@ PLACES = {
     "overlap": paths.OVERLAP,
     "runs": paths.RUNS,
     "estimates": paths.ESTIMATES,
+    "descriptors": paths.DESCRIPTORS,
 }
 ROWS = {
     "scan": "a point",
@@ -368,14 +370,19 @@ ROWS = {
     "pairs": "a pair, registered or not",
     "runs": "a pose sample: an ICP run",
     "estimates": "the covariance of a setting in one noise draw",
+    "descriptors": "a setting, to learn from: what its clouds look like, and how its runs spread",
     "uncertainty": "a setting: a perturbation that was run on a pair",
     "shap": "an instance: a perturbation of a pair that is explained",
     "directions": "a direction of an instance, or the squared error of one",
     "resampled": "a bootstrap resample of an instance, for the ranking of the causes",
 }
-OF_JOBS = {
+NOTES_OF_TABLES = {
     "runs": "For estimators that return pose samples. A job holds one pair or several.",
     "estimates": "For estimators that return covariances. A job holds one pair or several.",
+    "descriptors": (
+        "For experiments that an estimator of the kind `learned` names in `training`. Cells are "
+        f"cubes of {CELL} m in which both scans have points; everything is in the source's axes."
+    ),
 }
 
 
@@ -385,8 +392,8 @@ def tables():
     for table in TABLES:
         known = columns(table, causes.named(INSTANCE) if table in WITH_CAUSES else ())
         parts.append(f"## {table}\n\n{_places(table)}\n\nA row is {ROWS[table]}.\n")
-        if table in OF_JOBS:
-            parts.append(OF_JOBS[table] + "\n")
+        if table in NOTES_OF_TABLES:
+            parts.append(NOTES_OF_TABLES[table] + "\n")
         alike = groupby(known, lambda column: (column.type, column.unit, column.description))
         rows = [[_names(list(group)), *what] for what, group in alike]
         parts.append(_table(["column", "type", "unit", "meaning"], rows))

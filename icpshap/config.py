@@ -222,18 +222,11 @@ def _sequence(key, block):
 def _experiment(name, block, config):
     levels = _levels(block["instances"])
     waterfall = block.get("waterfall") or block["instances"].get("fixed")
-    if block["pairs"] == "consecutive":
-        pairs = {
-            sequence: tuple((i, i + 1) for i in range(config["data"][sequence]["scans"] - 1))
-            for sequence in block["sequences"]
-        }
-    else:
-        pairs = _by_sequence(block["pairs"])
     couples = [couple for couple in PAPER_COUPLES if set(couple) <= set(levels)]
     return Experiment(
         name=name,
         estimator=block["estimator"],
-        pairs=pairs,
+        pairs=_pairs(block, config["data"]),
         levels=levels,
         replicates=block.get("replicates", 1),
         figures=tuple(block["figures"]),
@@ -270,6 +263,16 @@ def _levels(instances):
     """Levels by cause of a grid or a fixed instance, in the order of the registry."""
     grid = instances.get("grid") or {name: [value] for name, value in instances["fixed"].items()}
     return {cause.name: expand_levels(grid[cause.name]) for cause in named(grid)}
+
+
+def _pairs(block, data):
+    """The pairs of an experiment's block by sequence."""
+    if block["pairs"] != "consecutive":
+        return _by_sequence(block["pairs"])
+    return {
+        sequence: tuple((i, i + 1) for i in range(data[sequence]["scans"] - 1))
+        for sequence in block["sequences"]
+    }
 
 
 def _by_sequence(pairs):
@@ -349,6 +352,8 @@ def _inconsistencies(config, broken):
             yield from errors or _experiment_inconsistencies(f"experiments.{name}", block, data)
             if not errors:
                 yield from _who_estimates(f"experiments.{name}", block, estimators, sound)
+            if sound and not errors:
+                yield from _training_inconsistencies(name, block, config)
     twice = [part for part, number in Counter(runnable).items() if number > 1]
     for part in twice:
         yield (
@@ -544,6 +549,73 @@ def _what_the_estimator_cannot(where, block, name, preset):
                 f"{replacing[0].name} of {name} replaces by others. "
                 "Hint: leave one of them out, or set overlap_removal: raw"
             )
+
+
+def _training_inconsistencies(name, block, config):
+    """What is wrong with the experiment that the estimator of another one learns from."""
+    for estimator in _estimators_of(block):
+        preset = _preset(config["estimators"], estimator)
+        if preset is not None and preset.estimator.kind.training is not None:
+            yield from _training_of(name, block, estimator, preset.estimator.kind, config)
+
+
+def _estimators_of(block):
+    """Names of the estimators of an experiment, as far as it says."""
+    return block.get("estimators", [block["estimator"]] if "estimator" in block else [])
+
+
+def _training_of(name, block, estimator, kind, config):
+    """The same, of one estimator with a kind that learns."""
+    data, estimators, experiments = config["data"], config["estimators"], config["experiments"]
+    where, training = f"estimators.{estimator}.training", kind.training
+    if training not in experiments:
+        yield f"{where}: {_unknown(training, experiments)} Hint: define it under experiments"
+        return
+    other, errors = _complete("experiments", experiments, training, EXPERIMENT_KEYS)
+    if errors or any(
+        any(_experiment_inconsistencies("", checked, data)) for checked in (block, other)
+    ):
+        return  # that is said where it is wrong
+    if "estimator" not in other:
+        yield (
+            f"{where}: {training} has several estimators, expected one to learn from. "
+            "Hint: name an experiment with one `estimator`"
+        )
+        return
+    teacher = _preset(estimators, other["estimator"])
+    if teacher is not None and not teacher.estimator.returned.samples:
+        yield (
+            f"{where}: the estimator {other['estimator']} of {training} is of the kind "
+            f"{teacher.estimator.kind.name}, which returns no pose samples to learn from. "
+            "Hint: name an experiment whose estimator is of the kind monte_carlo"
+        )
+        return
+    pairs = _pairs(other, data)
+    if name in config["run"]:
+        yield from _training_not_selected(where, name, training, pairs, config)
+    for sequence in _pairs(block, data):
+        number = sum(len(pairs[known]) for known in pairs if known != sequence)
+        if number < kind.fewest_pairs:
+            yield (
+                f"{where}: for {sequence} of {name}, {training} has {number} pairs of other "
+                f"sequences to learn from, expected at least {kind.fewest_pairs}. "
+                "Hint: more sequences, or more scans, there"
+            )
+
+
+def _training_not_selected(where, name, training, sequences, config):
+    if training not in config["run"]:
+        yield (
+            f"{where}: {name} learns from {training}, which is not selected. "
+            f"Hint: run: [{', '.join([*config['run'], training])}]"
+        )
+    missing = [sequence for sequence in sequences if sequence not in config["sequences"]]
+    if missing:
+        yield (
+            f"{where}: {name} learns from all sequences of {training}, of which "
+            f"{', '.join(missing)} are not selected. Hint: select them under sequences, or learn "
+            "from an experiment that has only those that are"
+        )
 
 
 def _experiment_inconsistencies(where, block, data):

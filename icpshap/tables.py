@@ -8,6 +8,7 @@ bytes.
 from dataclasses import dataclass
 from itertools import combinations
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 
@@ -72,6 +73,47 @@ _POSE = [
 ]
 _STATUS = "ok, max_iterations, too_few_links or degenerate; or what a callable did in the place of "
 _STATUS += "returning a pose, in words"
+_DESCRIPTOR = [
+    *_columns([f"mean_{axis}" for axis in "xyz"], "float64", "m", "mean of the source points"),
+    *_columns(
+        [f"spread_{axes}" for axes in ("xx", "xy", "xz", "yy", "yz", "zz")],
+        "float64",
+        "m^2",
+        "entry of the covariance of the source points",
+    ),
+    *_columns(
+        [f"normals_{direction}" for direction in range(13)],
+        "float64",
+        "",
+        "share of points in cells whose normal is nearest one of 13 directions",
+    ),
+    *_columns(
+        [f"shape_{name}" for name in ("linear", "planar", "scattered")],
+        "float64",
+        "",
+        "mean shape of the cells, by the eigenvalues of their points' covariance",
+    ),
+    *_columns(
+        [f"thickness_{quartile}" for quartile in (1, 2, 3)],
+        "float64",
+        "m",
+        "quartile of the cells' thickness, the smallest standard deviation of their points",
+    ),
+    Column("log_cells", "float64", "", "logarithm of the number of cells"),
+    *_columns(
+        ["log_source_points", "log_reference_points"],
+        "float64",
+        "",
+        "logarithm of the number of points in them",
+    ),
+    *_columns(
+        ["shared_source_points", "shared_reference_points"],
+        "float64",
+        "",
+        "share of all points of the scan that these are",
+    ),
+]
+DESCRIPTOR = [column.name for column in _DESCRIPTOR]
 _END = [
     Column("iterations", "int32", "", "ICP iterations"),
     Column("status", "string", "", _STATUS),
@@ -258,6 +300,21 @@ def _estimates(causes):
     ]
 
 
+def _descriptors(causes):
+    return [
+        *_PAIR,
+        *_values(causes),
+        _REPLICATE,
+        *_DESCRIPTOR,
+        *_columns(
+            COVARIANCE,
+            "float64",
+            _COVARIANCE_UNITS,
+            "entry of the covariance of the setting's runs, with the floor, rotation first",
+        ),
+    ]
+
+
 def _uncertainty(causes):
     return [
         *_PAIR,
@@ -402,12 +459,21 @@ TABLES = {
     "pairs": _pairs,
     "runs": _runs,
     "estimates": _estimates,
+    "descriptors": _descriptors,
     "uncertainty": _uncertainty,
     "shap": _shap,
     "directions": _directions,
     "resampled": _resampled,
 }
-WITH_CAUSES = ("runs", "estimates", "uncertainty", "shap", "directions", "resampled")
+WITH_CAUSES = (
+    "runs",
+    "estimates",
+    "descriptors",
+    "uncertainty",
+    "shap",
+    "directions",
+    "resampled",
+)
 
 
 def columns(table, causes=()):
@@ -458,6 +524,13 @@ def read_all(paths, table):
     return pd.concat([read(path, table) for path in paths], ignore_index=True)
 
 
+def read_by_pair(paths, table):
+    """The rows of several files of the named table, by pair (reference, source); {} of no files."""
+    if not paths:
+        return {}
+    return dict(list(read_all(paths, table).groupby(["reference", "source"])))
+
+
 def read_about(path):
     """What `write` was told of a file besides its rows."""
     return storage.read_about(path)
@@ -500,6 +573,20 @@ def points_frame(points):
 def poses_frame(T_global_scan):
     frame = pd.DataFrame(T_global_scan.reshape(-1, 16), columns=TRANSFORM)
     return frame.assign(scan=range(len(T_global_scan)))
+
+
+def covariances(frame):
+    """Covariances (n, 6, 6) of a frame that has the columns of their upper triangles."""
+    row, column = np.triu_indices(6)
+    upper = frame[COVARIANCE].to_numpy(dtype=float)
+    result = np.empty((len(upper), 6, 6))
+    result[:, row, column] = result[:, column, row] = upper
+    return result
+
+
+def covariance_columns(covariance):
+    """The upper triangle of a covariance (6, 6) by column."""
+    return dict(zip(COVARIANCE, covariance[np.triu_indices(6)], strict=True))
 
 
 def _scan_table(path):

@@ -518,6 +518,65 @@ def test_several_noise_draws_can_be_left_out(constant):
     configuration.load(constant)
 
 
+# --- an estimator that learns from another experiment ---------------------------------------------
+
+
+@pytest.fixture
+def learning(config):
+    """The paper's second experiment, and the same by an estimator that learns from it."""
+    config["estimators"]["mine"] = {"kind": "learned"}
+    config["experiments"]["again"] = {"based_on": "same_perturbation", "estimator": "mine"}
+    config["run"] = ["same_perturbation", "again"]
+    return config
+
+
+def test_an_estimator_learns_from_a_selected_experiment(learning):
+    assert configuration.load(learning).estimators["mine"].estimator.kind.training == (
+        "same_perturbation"
+    )
+
+
+def test_an_experiment_that_is_not_run_may_learn_from_one_that_is_not(learning):
+    learning["run"] = ["different_perturbations"]
+    learning["sequences"] = ["apartment"]
+    configuration.load(learning)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        (
+            {"estimators.mine.training": "same_perturbatoin"},
+            "unknown name 'same_perturbatoin', did you mean 'same_perturbation'? Hint: define it",
+        ),
+        (
+            {"estimators.mine.training": "again"},
+            "the estimator mine of again is of the kind learned, which returns no pose samples to "
+            "learn from. Hint: name an experiment whose estimator is of the kind monte_carlo",
+        ),
+        (
+            {"run": ["again"]},
+            "again learns from same_perturbation, which is not selected. "
+            "Hint: run: [again, same_perturbation]",
+        ),
+        (
+            {"sequences": ["apartment", "eth", "stairs", "mountain", "gazebo_summer"]},
+            "again learns from all sequences of same_perturbation, of which gazebo_winter, "
+            "wood_summer, wood_autumn are not selected. Hint: select them",
+        ),
+        (
+            {"experiments.same_perturbation.sequences": ["apartment", "eth"], "data.eth.scans": 30},
+            "for apartment of again, same_perturbation has 29 pairs of other sequences to learn "
+            "from, expected at least 30. Hint: more sequences",
+        ),
+    ],
+)
+def test_what_is_wrong_with_what_it_learns_from(learning, changes, says):
+    for path, value in changes.items():
+        change(learning, path, value)
+    assert f"estimators.mine.training: {says}" in errors_of(learning)
+
+
 def test_a_cause_that_the_kind_cannot_see_is_refused(constant):
     constant["experiments"]["same_perturbation"]["estimator"] = "mine"
     assert (

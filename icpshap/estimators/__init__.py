@@ -15,10 +15,7 @@ from icpshap.causes.cause import Cause
 from icpshap.estimators import perturb
 from icpshap.estimators.kind import Kind, Samples
 from icpshap.estimators.perturb import Perturbing
-from icpshap.tables import COVARIANCE, INITIAL_XI, TRANSFORM, XI
-
-UPPER = np.triu_indices(6)
-
+from icpshap.tables import INITIAL_XI, TRANSFORM, XI, covariance_columns
 
 KINDS = registry.classes(__name__, __path__, Kind)
 
@@ -58,6 +55,10 @@ class Estimator:
             return self
         own = replace(noise, own=self.kind.drawn_sigma)
         return replace(self, causes={**self.causes, "sensor_noise": own})
+
+    def trained(self, table, leave_out):
+        """The same with a kind that has learned from a descriptors table, but for one sequence."""
+        return replace(self, kind=self.kind.trained(table, leave_out))
 
     @property
     def returned(self):
@@ -176,7 +177,7 @@ def _estimates_frame(pair, estimate):
             **_setting_columns(estimate.setting),
             "noise_draw": np.int32(estimate.noise_draw),
             **_pose_columns(pair, estimate.T_reference_source[None]),
-            **dict(zip(COVARIANCE, estimate.covariance[UPPER], strict=True)),
+            **covariance_columns(estimate.covariance),
             "iterations": np.int32(estimate.iterations),
             "status": estimate.status,
             "rmse": estimate.rmse,

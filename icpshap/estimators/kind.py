@@ -115,7 +115,9 @@ class Kind:
     `name` is what `kind:` gives; `sees`: names of the causes that it can see, or None for all;
     `one_subsample`: whether all runs of a noise draw use one subsample of the source, that of the
     first of them; `defaults`: of the options of perturb.Perturbing that have another default for
-    the kind; `foreign`: whether it registers with what is not ours, of which success is told first.
+    the kind; `foreign`: whether it registers with what is not ours, of which success is told first;
+    `training`: name of the experiment that it learns from, or None if it does not; `fewest_pairs`:
+    how many pairs of other sequences that must have.
     """
 
     name: ClassVar[str]
@@ -124,6 +126,8 @@ class Kind:
     one_subsample: ClassVar[bool] = False
     defaults: ClassVar[dict] = {}
     foreign: ClassVar[bool] = False
+    training: ClassVar[str | None] = None
+    fewest_pairs: ClassVar[int] = 0
 
     @property
     def modules(self):
@@ -165,6 +169,13 @@ class Kind:
 
     def check_clean(self, runs):
         """Raise UserError if the runs of a clean setting (rows of their table) say nothing."""
+
+    def trained(self, table, leave_out):
+        """The same after it has learned from a descriptors table, but for the sequence leave_out.
+
+        Of kinds that have a `training`.
+        """
+        raise NotImplementedError
 
     def estimate(self, group):
         """Yields `Samples`, `Covariance` or both for every start of a perturb.Group."""

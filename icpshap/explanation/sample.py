@@ -15,7 +15,7 @@ from icpshap.estimators.kind import Returns
 from icpshap.explanation import readings
 from icpshap.explanation.basins import find_basins
 from icpshap.explanation.chains import effective_sample_size
-from icpshap.tables import COVARIANCE, INITIAL_XI, XI
+from icpshap.tables import INITIAL_XI, XI, covariances
 
 FEWEST_RUNS = 50  # independent ones, from which a covariance is computed
 FEWEST_SAMPLES = readings.DIMENSION + 1  # others, from which it can have full rank
@@ -238,7 +238,7 @@ def _sample(runs, estimates, causes, returns, method, length):
     failed = _failed(runs).reshape(-1, n)
     covariance, far = None, np.zeros(len(first), dtype=int)
     if estimates is not None:
-        covariance = _covariances(estimates, len(first))
+        covariance = covariances(estimates).reshape(len(first), -1, 6, 6)
         far = estimates["n_far"].to_numpy().reshape(len(first), -1).sum(axis=1)
     weight = runs["weight"].to_numpy(dtype=float).reshape(-1, n)
     if not (weight == weight[0]).all():
@@ -296,12 +296,3 @@ def _failed(table):
 
 def _basins(xi, failed, method, length):
     return find_basins(np.where(failed[..., None], np.nan, xi), length, *method.basin)
-
-
-def _covariances(estimates, settings):
-    """Covariances (S, K, 6, 6) of the upper triangles in a table of estimates."""
-    row, column = np.triu_indices(6)
-    upper = estimates[COVARIANCE].to_numpy(dtype=float).reshape(settings, -1, len(row))
-    result = np.empty((*upper.shape[:2], 6, 6))
-    result[..., row, column] = result[..., column, row] = upper
-    return result

@@ -235,6 +235,43 @@ class Plans:
             "seed": self.config.seed,
             "code": self.code("run_icp", *estimator.plugins),
             "versions": versions(),
+            **self._training(experiment, sequence),
+        }
+
+    def _training(self, experiment, sequence):
+        """What a sequence's estimator learned from, as part of a plan; nothing if it did not."""
+        if self.training(experiment) is None:
+            return {}
+        # A list: the order of the examples decides between those that are alike.
+        return {
+            "training": [
+                [other, digest(self.descriptors(self.training(experiment), other))]
+                for other in self.training_sequences(experiment, sequence)
+            ]
+        }
+
+    def training(self, experiment):
+        """Name of the experiment that the estimator of another one learns from, or None."""
+        return self.estimator(experiment).kind.training
+
+    def training_sequences(self, experiment, sequence):
+        """Those that an experiment's estimator learns from where it is to estimate a sequence."""
+        training = self.training(experiment)
+        known = self.config.experiments[training].pairs if training else ()
+        return [other for other in known if other != sequence]
+
+    def descriptors(self, experiment, sequence):
+        """That of what is learned from a sequence of an experiment."""
+        estimator = self.estimator(experiment)
+        explanation = self.explanation(experiment, sequence)
+        decided = ("sequence", "pairs", "estimation", "levels", "method", "seed", "versions")
+        return {
+            **{key: explanation[key] for key in decided},
+            **self._variants(experiment),
+            "replicates": self.config.experiments[experiment].replicates,
+            "estimator": estimator.decides(),
+            "plugins": digests.plugin_names(estimator),
+            "code": self.code("train_estimator", *estimator.plugins),
         }
 
     def job_digests(self, experiment, sequence):

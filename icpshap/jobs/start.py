@@ -199,6 +199,9 @@ def _plans_of(planner, name, sequence):
         for template, table in ((template, table) for template, table, is_made in made if is_made):
             path = at(template, **names, job=job)
             yield path, table, lambda k=job: planner.job(name, sequence, k)
+    if returns.samples:
+        learned_from = at(paths.DESCRIPTORS, **names)
+        yield learned_from, "descriptors", lambda: planner.descriptors(name, sequence)
     for table in OF_EXPLANATION:
         path = at(paths.OF_SEQUENCE, **names, table=table)
         yield path, table, lambda: planner.explanation(name, sequence)

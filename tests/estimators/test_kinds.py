@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from made_examples import made_examples
 
 from icpshap import causes, estimators, options, presets
 from icpshap.causes import CAUSES
@@ -33,6 +34,8 @@ def estimator(kind, **values):
     found = Estimator.of(kind, given)
     fewer = {name: FEWER[name] for name in options.names(found.kind) if name in FEWER}
     found = replace(found, kind=replace(found.kind, **fewer))
+    if found.kind.training is not None:
+        found = found.trained(made_examples(found.kind.fewest_pairs), STREAMS.sequence)
     return found.of_causes(NAMES)
 
 

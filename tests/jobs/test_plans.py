@@ -163,6 +163,57 @@ class TestVariants:
         assert "estimator" not in plans_of().pair(GRID, ROOM, (0, 1))
 
 
+class TestTraining:
+    """What an estimator learns from decides its numbers: other sequences, and not its own."""
+
+    def planner(self, more=lambda config: None):
+        def change(config):
+            config["estimators"]["mine"] = {"kind": "learned", "training": "tiny_fixed"}
+            config["experiments"]["again"] = {"based_on": "tiny_fixed", "estimator": "mine"}
+            config["data"][ROOM]["scans"] = config["data"]["tiny_stairs"]["scans"] = 31
+            config["run"] = ["tiny_fixed", "again"]
+            more(config)
+
+        return plans_of(change)
+
+    def test_one_sequence_is_left_out(self):
+        planner = self.planner()
+        assert planner.training("again") == "tiny_fixed"
+        assert planner.training_sequences("again", ROOM) == ["tiny_stairs"]
+        learned_from = planner.descriptors("tiny_fixed", "tiny_stairs")
+        expected = [["tiny_stairs", digest(learned_from)]]
+        assert planner.job("again", ROOM, 0)["training"] == expected
+
+    def test_others_learn_from_none(self):
+        planner = self.planner()
+        assert planner.training("tiny_fixed") is None
+        assert planner.training_sequences("tiny_fixed", ROOM) == []
+        assert "training" not in planner.job("tiny_fixed", ROOM, 0)
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            estimator(maximum_iterations=7),
+            estimator(covariance_floor_rotation=1e-5),
+            lambda config: config["data"]["tiny_stairs"].update(scans=32),
+        ],
+    )
+    def test_what_decides_that_decides_the_estimates(self, change):
+        before, after = self.planner(), self.planner(change)
+        assert not set(jobs(before, "again", ROOM)) & set(jobs(after, "again", ROOM))
+
+    def test_its_own_sequence_does_not(self):
+        def beams(config):
+            config["data"][ROOM]["simulated"]["beams"] = 4000
+
+        before, after = self.planner(), self.planner(beams)
+        plans_before, plans_after = (p.job("again", ROOM, 0) for p in (before, after))
+        assert plans_before["training"] == plans_after["training"]
+        assert not set(jobs(before, "again", "tiny_stairs")) & set(
+            jobs(after, "again", "tiny_stairs")
+        )
+
+
 class TestOutsideFiles:
     """A file from outside enters by size and time stamp; an older date is another stamp."""
 

@@ -266,6 +266,21 @@ def checks_of_pairs(wildcards):
     return [of_pair(paths.PAIR, wildcards, pair) for pair in pairs_of(wildcards)]
 
 
+def descriptors_of_job(wildcards):
+    """What the estimator of a job learns from: the other sequences of another experiment."""
+    experiment, sequence = wildcards.experiment, wildcards.sequence
+    training = PLANS.training(experiment)
+    return [
+        at(paths.DESCRIPTORS, experiment=training, sequence=other)
+        for other in PLANS.training_sequences(experiment, sequence)
+    ]
+
+
+def scans_of_pairs(wildcards):
+    """Indices of the scans of all pairs of a sequence."""
+    return sorted({index for pair in pairs_of(wildcards) for index in pair})
+
+
 def of_jobs(template, wildcards, jobs):
     values = {"experiment": wildcards.experiment, "sequence": wildcards.sequence}
     return [at(template, **values, job=job) for job in jobs]

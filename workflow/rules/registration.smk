@@ -38,6 +38,7 @@ rule run_icp:
         poses=poses_of_job,
         overlaps=overlaps_of_job,
         pairs=checks_of_job,
+        training=descriptors_of_job,
     output:
         runs=paths.RUNS,
     log:

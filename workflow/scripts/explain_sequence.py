@@ -19,7 +19,7 @@ def explain_sequence(paths, output, planned, jobs):
     pairs = tables.read_all(paths.pairs, "pairs")
     for files in filter(None, (paths.runs, paths.estimates)):
         plans.check_estimates(files, jobs, planned, paths.pairs)
-    runs, estimates = (of_pairs(paths[name], name) for name in ("runs", "estimates"))
+    runs, estimates = (tables.read_by_pair(paths[name], name) for name in ("runs", "estimates"))
     made = {"pairs": [pairs], **{name: [] for name in games.Explanation._fields}}
     made["resampled"] = [tables.empty("resampled", causes)]
     for pair in pairs.itertuples():
@@ -35,13 +35,6 @@ def explain_sequence(paths, output, planned, jobs):
     for table, frames in made.items():
         frame = pd.concat(frames, ignore_index=True)
         tables.write(output[table], frame, table, planned, causes)
-
-
-def of_pairs(paths, table):
-    """The rows of a table by pair (reference, source)."""
-    if not paths:
-        return {}
-    return dict(list(tables.read_all(paths, table).groupby(["reference", "source"])))
 
 
 if __name__ == "__main__":

@@ -6,11 +6,12 @@ import pandas as pd
 from icpshap import estimators, plan, tables
 from icpshap.data.pair import read_pair
 from icpshap.estimators.perturb import Streams
-from icpshap.jobs import digests
+from icpshap.jobs import digests, plans
 from icpshap.jobs.job import job
 
 
 def run_icp(paths, outputs, planned, scans):
+    estimator = trained(paths.training, planned)
     found = {table: [] for table in outputs}
     points = dict(zip(scans, paths.scans, strict=True))
     registered = []
@@ -19,7 +20,7 @@ def run_icp(paths, outputs, planned, scans):
         if tables.read(pair, "pairs")["registered"].item():
             clouds = [points[index] for index in part.pair]
             of_pair = read_pair(*clouds, paths.poses, overlap, part.pair)
-            for table, frame in estimate(of_pair, part, planned).items():
+            for table, frame in estimate(of_pair, part, estimator, planned).items():
                 found[table].append(frame)
             registered.append(part.pair)
     about = {"data": digests.data_digests(*paths.scans), "registered": registered}
@@ -29,13 +30,23 @@ def run_icp(paths, outputs, planned, scans):
         tables.write(output, frame, table, planned, causes, **about)
 
 
-def estimate(pair, part, planned):
+def trained(paths, planned):
+    """The estimator, after it has learned from the descriptors tables of the plan, if it does."""
+    estimator = estimators.Estimator.decided(planned["estimator"])
+    if "training" not in planned:
+        return estimator
+    for path, (_, expected) in zip(paths, planned["training"], strict=True):
+        plans.check(path, expected)
+    return estimator.trained(tables.read_all(paths, "descriptors"), planned["sequence"])
+
+
+def estimate(pair, part, estimator, planned):
     """The tables of one pair by name."""
     settings = plan.settings(planned["levels"], planned["replicates"])[part.start : part.stop]
     runs, estimates = estimators.estimate(
         pair,
         settings,
-        estimators.Estimator.decided(planned["estimator"]),
+        estimator,
         np.array(planned["deviation"]),
         Streams(planned["seed"], planned["sequence"], *part.pair),
     )
