@@ -553,7 +553,7 @@ def _what_the_estimator_cannot(where, block, name, preset):
 
 def _training_inconsistencies(name, block, config):
     """What is wrong with the experiment that the estimator of another one learns from."""
-    for estimator in _estimators_of(block):
+    for estimator in filter(config["estimators"].get, _estimators_of(block)):
         preset = _preset(config["estimators"], estimator)
         if preset is not None and preset.estimator.kind.training is not None:
             yield from _training_of(name, block, estimator, preset.estimator.kind, config)
@@ -581,6 +581,8 @@ def _training_of(name, block, estimator, kind, config):
             f"{where}: {training} has several estimators, expected one to learn from. "
             "Hint: name an experiment with one `estimator`"
         )
+        return
+    if other["estimator"] not in estimators:
         return
     teacher = _preset(estimators, other["estimator"])
     if teacher is not None and not teacher.estimator.returned.samples:
