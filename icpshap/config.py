@@ -409,7 +409,7 @@ def _estimator_inconsistencies(name, estimators):
     preset = Preset.of(**block)
     returns, draws = preset.estimator.returned, preset.estimator.perturbing.noise_draws
     correction = preset.method.bias_correction
-    if correction == "wishart" and not returns.exchangeable:
+    if correction == "wishart" and (returns.drawn or not returns.exchangeable):
         yield (
             f"estimators.{name}.bias_correction: wishart holds for independent samples, which the "
             f"kind {kind} does not return. Hint: use none"
@@ -418,6 +418,12 @@ def _estimator_inconsistencies(name, estimators):
         yield (
             f"estimators.{name}.bias_correction: wishart holds for independent samples only. "
             "Hint: use jackknife, or common_random_numbers: false"
+        )
+    reading = preset.method.reading
+    if not returns.samples and not reading.compares_with_clean:
+        yield (
+            f"estimators.{name}.divergence: {preset.method.divergence} is of pose samples, which "
+            f"the kind {kind} does not return. Hint: use kl"
         )
     if correction == "jackknife" and not returns.units(draws):
         yield (
@@ -593,7 +599,8 @@ def _training_of(name, block, estimator, kind, config):
         )
         return
     pairs = _pairs(other, data)
-    if name in config["run"]:
+    parts = _names_by_estimator(name, block).values() if "estimators" in block else ()
+    if {name, *parts} & set(config["run"]):
         yield from _training_not_selected(where, name, training, pairs, config)
     for sequence in _pairs(block, data):
         number = sum(len(pairs[known]) for known in pairs if known != sequence)

@@ -57,7 +57,8 @@ _NULL = [
     Column("null_95", "float64", _F, "95 % quantile of f between such samples"),
 ]
 _W = "share of runs that failed or ended in a wrong basin; NaN where there is no basin"
-_SUCCESS = "share of the runs that did not fail within 0.1 m and 2 deg of the true pose,"
+_SUCCESS = "share of all runs within 0.1 m and 2 deg of the true pose,"
+_FAR = "sigma points that ended over 0.1 m or 2 deg from the first"
 _WORTH = "independent samples that runs, or the states of a chain, are worth"
 _REASON = Column("reason", "string", "", "why the pair was not registered; empty if it was")
 _REMARKS = [
@@ -296,7 +297,7 @@ def _estimates(causes):
             "entry of the covariance of xi in T_reference_source exp(xi), rotation first",
         ),
         *_END,
-        Column("n_far", "int32", "", "sigma points that ended over 0.1 m or 2 deg from the first"),
+        Column("n_far", "int32", "", _FAR),
     ]
 
 
@@ -328,6 +329,7 @@ def _uncertainty(causes):
         Column("n_runs", "int32", "", "registrations that were run"),
         Column("n_failed", "int32", "", "runs whose status is neither ok nor max_iterations"),
         Column("n_wrong_basin", "int32", "", "runs in a wrong basin"),
+        Column("n_far", "int32", "", f"{_FAR}, in the draw with most"),
         *_estimate("wrong_basin_share", f"W: {_W}", ""),
         Column("no_basin", "bool", "", "fewer than half of its runs lie together"),
         Column("n_used", "int32", "", "runs that f is computed from"),
@@ -389,6 +391,7 @@ def _shap(causes):
         Column("n_effective", "float64", "", f"{_WORTH}, in the setting that has least"),
         Column("n_failed", "int32", "", "runs that failed in a setting of the instance"),
         Column("n_wrong_basin", "int32", "", "runs in a wrong basin in a setting of the instance"),
+        Column("n_far", "int32", "", f"{_FAR}, in the draw with most"),
         Column(
             "interval_over", "string", "", "runs, noise draws or replicates; empty: no interval"
         ),

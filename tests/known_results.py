@@ -161,6 +161,7 @@ def shap_table(levels=LEVELS, pairs=(("apartment", 6, 7),), seed=0):
         n_effective=100.0,
         n_failed=0,
         n_wrong_basin=0,
+        n_far=0,
         clean_success_rate=1.0,
         success_rate=0.97,
         clean_wrong_basin_share=0.01,

@@ -1,6 +1,6 @@
 """White noise of the range sensor on every coordinate (paper, "Sensor Noise")."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -59,13 +59,17 @@ class SensorNoise(Cause):
         return self._noisy(points, level, f"noise/{scan}/{draw}", streams)
 
     def move_again(self, points, scan, level, draw, streams):
-        if scan == "reference" and self.reference_noise_additions == 2:
-            return self._noisy(points, level, f"noise/reference_again/{draw}", streams)
+        if scan == "reference" and self.reference_noise_additions == 2 and level:
+            # The sensor's own noise is there once.
+            return replace(self, own=0.0)._noisy(
+                points, level, f"noise/reference_again/{draw}", streams
+            )
         return points
 
     def noise_variance(self, points, scan, level):
         additions = self.reference_noise_additions if scan == "reference" else 1
-        variance = additions * np.square(self._sigma(points, level))
+        variance = additions * np.square(replace(self, own=0.0)._sigma(points, level))
+        variance = variance + self.own**2
         return np.broadcast_to(variance, (len(points), 1))[:, 0]
 
     def _noisy(self, points, level, name, streams):

@@ -65,8 +65,8 @@ class Estimator:
         """What comes back of a setting: `kind.Returns`."""
         found = self.kind.returned(self.perturbing.noise_draws)
         noise = self.causes.get("sensor_noise")
-        if noise is not None and noise.sensor != "none":
-            # What its noise adds to the sensor's own differs from point to point.
+        if noise is not None and (noise.sensor != "none" or noise.reference_noise_additions != 1):
+            # What its noise adds to the sensor's own differs from point to point, or between scans.
             return replace(found, sensor_sigma=0.0)
         return found
 

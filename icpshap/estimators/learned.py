@@ -80,7 +80,7 @@ class Learned(Kind):
         return (
             f"The covariance is the mean of those of the {self.neighbours} settings of "
             f"{self.training} that look most alike, in other sequences (CELLO-3D); it was told no "
-            "noise."
+            "noise but what those runs had."
         )
 
     def trained(self, table, leave_out):

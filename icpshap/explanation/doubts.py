@@ -34,13 +34,13 @@ def null(n_used, sample, method):
     """Mean and 95 % quantile of f where nothing is perturbed, for independent runs: (...) each.
 
     n_used: of `independent`. 0 for a deterministic estimator, whose f is exactly that; NaN where
-    there is no null.
+    there is no null: runs whose draws share the sensor's own noise are not independent.
     """
     if sample.returns.is_deterministic and method.reading.compares_with_clean:
         return np.zeros((2, *np.shape(n_used)))
     numbers, inverse = np.unique(n_used, return_inverse=True)
     found = np.full((2, len(numbers)), np.nan)
-    if sample.returns.exchangeable or sample.returns.chain:
+    if (sample.returns.exchangeable and not sample.returns.drawn) or sample.returns.chain:
         for column in np.flatnonzero(numbers >= FEWEST_RUNS):
             n = int(numbers[column])
             corrected = method.bias_correction != "none"
@@ -146,14 +146,16 @@ def remarks_of_games(replicates, rows, n_used, n_right_basin, f_again, method):
         found = [remarks(first, method, n, floor_share, memory)]
         if far:
             found.append(
-                f"up to {far} sigma points of a setting end in another basin, and each weighs 1/12 "
-                "of the covariance"
+                f"up to {far} of 12 sigma points of a setting end in another basin, and each "
+                "weighs 1/12 of the covariance of its draw"
             )
+        if first.returns.is_deterministic and n == 1 < first.xi.shape[1]:
+            found.append("one noise draw is left: no interval, and no correction of the bias")
         if right < first.fewest <= n:
             found.append(
                 f"fewer than {first.fewest} runs are never in a wrong basin: no value without those"
             )
-        known = np.isfinite(f_again) and n >= first.fewest
+        known = np.isfinite(f_again) and n >= first.fewest and not first.returns.drawn
         if known and f_again > null_quantile(method, n, AGAIN_PROBABILITY):
             found.append(
                 f"two clean samples differ by {f_again:.2g}, more than Gaussian ones would: a few "
@@ -164,9 +166,9 @@ def remarks_of_games(replicates, rows, n_used, n_right_basin, f_again, method):
 
 
 def most_far(replicates, rows):
-    """Sigma points (i,) in another basin, in that setting of each game rows (i, g) with most."""
+    """Sigma points (i,) in another basin, in that setting and draw of a game (i, g) with most."""
     far = [np.broadcast_to(sample.far, len(sample.settings)) for sample in replicates]
-    return sum(of[row].max(axis=1) for of, row in zip(far, rows, strict=True))
+    return np.max([of[row].max(axis=1) for of, row in zip(far, rows, strict=True)], axis=0)
 
 
 def no_interval(replicates):

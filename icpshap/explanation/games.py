@@ -166,7 +166,8 @@ def uncertainty_table(sample, reference, method):
             "null_95": null_95,
             "n_runs": sample.xi.shape[1],
             "n_failed": sample.failed.sum(axis=1),
-            "n_wrong_basin": sample.wrong_basin.sum(axis=1) + sample.far,
+            "n_wrong_basin": sample.wrong_basin.sum(axis=1),
+            "n_far": sample.far,
             "wrong_basin_share": share,
             "wrong_basin_share_low": share_low,
             "wrong_basin_share_high": share_high,
@@ -243,8 +244,8 @@ def shap_table(replicates, instances, rows, off, method):
             sample.effective[row].min(axis=1) for sample, row in zip(replicates, rows, strict=True)
         ),
         "n_failed": _runs_anywhere([sample.failed for sample in replicates], rows),
-        "n_wrong_basin": _runs_anywhere([sample.wrong_basin for sample in replicates], rows)
-        + most_far(replicates, rows),
+        "n_wrong_basin": _runs_anywhere([sample.wrong_basin for sample in replicates], rows),
+        "n_far": most_far(replicates, rows),
         "interval_over": "replicates" if len(replicates) > 1 else replicates[0].units,
         "no_interval": no_interval(replicates),
         "warning": remarks_of_games(replicates, rows, n_used, n_right_basin, f_again, method),
@@ -254,9 +255,12 @@ def shap_table(replicates, instances, rows, off, method):
 
 
 def _of_other_sensor(replicates, rows, method, times):
-    """`Explained` of games, had the sensor's own noise been `times` as large; else NaN."""
+    """`Explained` of games, had the sensor's own noise been `times` as large.
+
+    NaN where the spread does not hold it, and for readings that are not of covariances.
+    """
     others = [with_sensor_sigma(sample, times) for sample in replicates]
-    if others[0] is None:
+    if others[0] is None or not method.reading.compares_with_clean:
         others = [Sample.without_runs(s.causes, s.settings, s.returns) for s in replicates]
     return explain_games(others, rows, method, intervals=False)
 

@@ -67,7 +67,7 @@ class Method:
     @property
     def of_covariances(self):
         """The same for what is read off covariances, in which failed runs never count."""
-        return replace(self, divergence="kl") if self.reading.bounded else self
+        return self if self.reading.compares_with_clean else replace(self, divergence="kl")
 
     @property
     def of_errors(self):

@@ -33,7 +33,8 @@ class Sample:
     the runs of the setting have no basin of their own; noise_draw (n,) which one a run used; weight
     (n,) of the samples; covariance (S, K, 6, 6) [rad, m] of each noise draw, or None; length [m]:
     the pair's characteristic length; far (S,): of the registrations that covariances are made of,
-    how many ended in another basin; last_f: what `uncertainty.evaluate` found last.
+    how many ended in another basin, in the draw with most; last_f: what `uncertainty.evaluate`
+    found last.
     """
 
     causes: tuple
@@ -239,7 +240,7 @@ def _sample(runs, estimates, causes, returns, method, length):
     covariance, far = None, np.zeros(len(first), dtype=int)
     if estimates is not None:
         covariance = covariances(estimates).reshape(len(first), -1, 6, 6)
-        far = estimates["n_far"].to_numpy().reshape(len(first), -1).sum(axis=1)
+        far = estimates["n_far"].to_numpy().reshape(len(first), -1).max(axis=1)
     weight = runs["weight"].to_numpy(dtype=float).reshape(-1, n)
     if not (weight == weight[0]).all():
         raise UserError(

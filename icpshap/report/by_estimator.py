@@ -40,6 +40,9 @@ def _rows(part):
     remarks = ["interval_over", "no_interval", "warning", "reason"]
     settings = part.uncertainty[~part.uncertainty.again]
     success = settings.groupby([*PAIR, *causes], as_index=False).success_rate.mean()
+    if not study.returns.samples:
+        # An estimate that starts at the truth, or registers nothing, has nothing to succeed at.
+        success["success_rate"] = np.nan
     rows = shap[[*PAIR, "instance", *causes, *numbers, *COUNTS]].merge(success, "left")
     rows[remarks] = shap[remarks].to_numpy()
     about = {
@@ -47,15 +50,18 @@ def _rows(part):
         "estimator": study.estimator,
         "kind": study.kind,
         "made_of": study.estimator_kind.made_of,
-        "told": told(study.options),
+        "told": told(study.options, study.returns),
         "bias_correction": study.bias_correction,
         "wrong_basins": study.wrong_basins,
     }
     return pd.concat([pd.DataFrame(about, index=rows.index), rows], axis=1)
 
 
-def told(options):
-    """The noise of the sensor that an estimator is told, by the options of its kind; "" if none."""
+def told(options, returns):
+    """The noise of the sensor that an estimator is told; "" if none.
+
+    options: of its kind; returns: kind.Returns.
+    """
     if not options.get("sensor_sigma"):
         return ""
     sigma = f"{words.centimetres(options['sensor_sigma'])} cm"
@@ -64,6 +70,7 @@ def told(options):
         "fixed": f"{sigma} always",
         "residuals": "its residuals",
         "draws": f"{sigma}, drawn",
+        "closed_form": f"{sigma} and σ" if returns.together else sigma,
     }
     return said.get(options.get("noise", options.get("sensor_noise_by")), sigma)
 

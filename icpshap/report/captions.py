@@ -34,7 +34,7 @@ def method(table, study):
 def _estimates(number, study):
     """What there is of each setting, of which there are `number`."""
     if study.returns.is_deterministic:
-        draws = f" in each of {number} noise draws" if number > 1 else ""
+        draws = f" in each of {study.noise_draws} noise draws" * (study.noise_draws > 1)
         return f"one covariance a setting{draws}"
     return f"{number} {'ICP runs' if study.returns.exchangeable else 'samples'} a setting"
 
@@ -245,6 +245,13 @@ def sensor_sensitivity(table, study):
 def noise_floor(table, study):
     """What f is without any perturbation, by chance alone."""
     kept = study.valued(table)
+    again = pairs_of(kept).f_again.dropna()
+    if study.returns.drawn and len(again):
+        return [
+            "Noise floor: between two clean samples of a pair f is "
+            f"{words.number(again.median())} (A/A{', in the median' * (len(again) > 1)}); the runs "
+            "of a draw share its noise, so that there is no null of independent ones."
+        ]
     if len(kept) == 0 or kept.null_mean.isna().all():
         return []
     if study.returns.is_deterministic:
@@ -253,7 +260,6 @@ def noise_floor(table, study):
         f"Noise floor: f between independent samples of one distribution has the mean "
         f"{kept.null_mean.mean():.2f} and the 95 % quantile {kept.null_95.mean():.2f}"
     )
-    again = pairs_of(kept).f_again.dropna()
     if len(again) == 1:
         text += (
             f"; between two clean samples of this pair it is {words.number(again.iloc[0])} (A/A)"

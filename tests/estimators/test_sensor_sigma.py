@@ -50,6 +50,18 @@ def test_both_scans_get_it_in_every_draw_from_the_draws_of_the_setting(room_pair
             np.testing.assert_allclose(points, raw + noise, rtol=0, atol=1e-12)
 
 
+def test_the_released_codes_second_noise_does_not_hold_it_twice(room_pair):
+    of = estimator(minimum_range=0.0, reference_noise_additions=2)
+    for level in (0.0, 0.03):
+        group, _ = groups(room_pair, of, (level, 1.0, 0.0))[0]
+        raw = room_pair.reference
+        noise = noise_of("noise/reference/0", raw, np.hypot(OWN, level))
+        noise = noise + noise_of("noise/reference_again/0", raw, level)
+        np.testing.assert_allclose(group.reference, raw + noise, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(group.reference_variance, OWN**2 + 2 * level**2)
+    assert of.returned.sensor_sigma == 0  # no factor is that of both scans
+
+
 def test_it_is_there_where_the_experiment_names_no_sensor_noise(room_pair):
     of = Estimator.of("monte_carlo", OPTIONS).of_causes(["initial_pose"])
     assert list(of.causes) == ["sensor_noise", "initial_pose"]

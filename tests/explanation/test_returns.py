@@ -68,14 +68,14 @@ class TestCovariancesAlone:
         assert (far["translation_rmse"] > 90 * clean["translation_rmse"]).all()
 
     def test_sigma_points_in_another_basin_are_counted_and_warned_of(self):
-        table = estimates_table()
+        table = estimates_table(2)
         table.loc[table["initial_pose"] > 1, "n_far"] = 2
         uncertainty, shap = explain(None, table, COVARIANCES)
         perturbed = uncertainty["initial_pose"] > 1
-        assert (uncertainty["n_wrong_basin"] == 2 * perturbed).all()
+        assert (uncertainty["n_far"] == 2 * perturbed).all()
         row = shap.iloc[0]
-        assert row["n_wrong_basin"] == 2
-        assert "up to 2 sigma points of a setting end in another basin" in row["warning"]
+        assert row["n_far"] == 2 and row["n_wrong_basin"] == 0
+        assert "up to 2 of 12 sigma points of a setting end in another basin" in row["warning"]
 
     def test_a_deterministic_f_has_the_null_0_and_no_a_a_value(self):
         uncertainty, shap = explain(None, estimates_table(), COVARIANCES)

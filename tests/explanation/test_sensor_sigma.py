@@ -80,3 +80,15 @@ def test_the_same_noise_changes_nothing():
     runs["noise_draw"] = np.tile(noise_draw, len(runs) // 100)
     (sample,) = samples(runs, None, list(OFF), DRAWN, Method(), 1.0)
     np.testing.assert_allclose(with_sensor_sigma(sample, 1.0).xi, sample.xi, atol=1e-12)
+
+
+def test_runs_whose_draws_share_it_have_no_null_of_independent_ones():
+    runs = runs_table(noise_draws=10)
+    row, usual = (explain_one(runs, None, returns) for returns in (DRAWN, SAMPLES))
+    assert np.isnan(row["null_mean"]) and np.isnan(row["null_95"])
+    assert usual["null_95"] > 0 and row["f_again"] == usual["f_again"]
+
+
+def test_a_reading_that_is_not_of_covariances_has_no_other_sensor():
+    row = explain_one(runs_table(noise_draws=10), None, DRAWN, divergence="wrong_basin_share")
+    assert np.isnan(row["f_sensor_sigma_twice"])
