@@ -129,32 +129,19 @@ def _of_errors(number, replicates, rows, method):
     """`Estimate` of the `_quantities` of a squared error, of all runs that did not fail."""
     if not replicates[0].returns.samples:
         return Estimate(*np.full((4, len(rows[0]), _width(rows)), np.nan))
-    return over_replicates(
-        [
-            estimate(
-                sample,
-                games,
-                _quantities,
-                method,
-                False,
-                values=mean_of_games(number, sample, games),
-            )
-            for sample, games in zip(replicates, rows, strict=True)
-        ]
-    )
+    return _explained(replicates, rows, method, partial(mean_of_games, number), leave_out=False)
 
 
 def _of_variances(vectors, replicates, rows, method):
     """`Estimate` of the `_quantities` of the variance along vectors."""
+    return _explained(replicates, rows, method, lambda *given: partial(_variance, vectors, *given))
+
+
+def _explained(replicates, rows, method, values_of, leave_out=None):
+    """`Estimate` over all replicates; values_of(sample, games): `values` of `estimate`."""
     return over_replicates(
         [
-            estimate(
-                sample,
-                games,
-                _quantities,
-                method,
-                values=partial(_variance, vectors, sample, games),
-            )
+            estimate(sample, games, _quantities, method, leave_out, values=values_of(sample, games))
             for sample, games in zip(replicates, rows, strict=True)
         ]
     )
