@@ -157,7 +157,10 @@ def normalised_errors(name, pair, preset, sigma, draws):
     runs, estimates = estimated(name, pair, preset.with_options(**_of_draws(preset, draws)), noisy)
     if estimates is None:
         of_draws = runs.groupby("noise_draw")[XI]
-        poses, said = of_draws.mean().to_numpy(), of_draws.var(ddof=1).to_numpy()
+        said = of_draws.var(ddof=1).to_numpy()
+        # A run is a pose; of particles and states of a chain their mean is.
+        one_each = preset.estimator.returned.exchangeable
+        poses = (runs[XI] if one_each else of_draws.mean()).to_numpy(dtype=float)
     else:
         poses = estimates[XI].to_numpy(dtype=float)
         said = np.diagonal(covariances(estimates), axis1=1, axis2=2)
