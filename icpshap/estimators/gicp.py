@@ -127,9 +127,12 @@ class Planar(NamedTuple):
 
     @classmethod
     def of(cls, points, neighbours):
-        """With normals from that many neighbours of each point, itself included."""
+        """In spatial order, with normals from that many neighbours of a point, itself included."""
         from icpshap import icp
+        from icpshap.icp import kdtree
 
+        # What neighbours are linked to are neighbours, which lie in the cache then.
+        points = points[kdtree.build(points).index]
         reference = icp.Reference(points, neighbours)
         return cls(points, reference.in_rows(reference.normals), icp.Matcher(reference))
 
