@@ -91,9 +91,9 @@ class OwnNoise(Kind):
 
     def spread(self, noise_draws):
         runs = (
-            "The spread of a setting is that of its runs: of initial poses, of subsamples and of "
+            "The spread of a setting is that of its runs: of where they start, of subsamples and "
         )
-        runs += "where the iteration stops"
+        runs += "of where the iteration stops"
         if not self.sensor_sigma:
             return f"{runs}; what the sensor's own noise adds to it is left out."
         own = told(self.sensor_sigma)
