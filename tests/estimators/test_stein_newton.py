@@ -51,8 +51,9 @@ def test_particles_are_those_of_the_independent_program(coalition):
     np.testing.assert_allclose(relative, given[f"final_{coalition}"], rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("curvature", ["mean", pytest.param("full", marks=pytest.mark.slow)])
 @COALITIONS
-def test_particles_are_those_of_the_authors_program(coalition):
+def test_particles_are_those_of_the_authors_program(coalition, curvature):
     """With its candidates: of each point the 100 reference points nearest to it at T0."""
     given = expected("svn_icp.npz")
     reference, _ = clouds(coalition)
@@ -71,10 +72,10 @@ def test_particles_are_those_of_the_authors_program(coalition):
         return squared.min(axis=-1).ravel(), matched.reshape(-1, 3)
 
     for number in (1, 5, 20):
-        kind = SteinNewton(maximum_iterations=number, stop=0.0)
+        kind = SteinNewton(maximum_iterations=number, stop=0.0, curvature=curvature)
         found = kind.moved(T_mean @ initial, T_mean, source, nearest)
         relative = stein_newton.coordinates(se3.inverse(T_mean) @ found.T_reference_source)
-        theirs = given[f"authors_mean_{coalition}_after_{number}"]
+        theirs = given[f"authors_{curvature}_{coalition}_after_{number}"]
         np.testing.assert_allclose(relative, theirs, rtol=0, atol=1e-12)
 
 
