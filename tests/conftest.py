@@ -18,7 +18,15 @@ REPOSITORY = Path(__file__).parent.parent
 numba.config.CACHE_DIR = str(REPOSITORY / ".cache" / "numba")
 os.environ.setdefault("NUMBA_CACHE_DIR", numba.config.CACHE_DIR)
 
+# Files that take longest go first, so that neither process waits for the other at the end.
+LONGEST_FIRST = ("test_faults.py", "test_workflow.py", "test_learned_workflow.py", "test_pinned.py")
+
 PAPER_CONFIG = yaml.safe_load((REPOSITORY / "config.yaml").read_text())
+
+
+def pytest_collection_modifyitems(items):
+    ranks = {name: rank for rank, name in enumerate(LONGEST_FIRST)}
+    items.sort(key=lambda item: ranks.get(item.path.name, len(ranks)))
 
 
 def folder_in(variable):
