@@ -110,6 +110,7 @@ def register(found, experiment, sequence, job, output):
     read = SimpleNamespace(
         scans=[at(paths.SCAN, sequence=sequence, index=index) for index in scans],
         poses=at(paths.POSES, sequence=sequence),
+        training=[],
         **of_pairs,
     )
     script("run_icp").run_icp(read, {"runs": output}, plan, scans)

@@ -15,7 +15,6 @@ from benchmarks.faults.outcome import RIGHT, Fault, Outcome
 from benchmarks.faults.workplace import CONFIG, TABLES
 from icpshap import options, presets, schema, storage
 from icpshap.causes import CAUSES
-from icpshap.estimators import KINDS
 from icpshap.explanation.method import Method
 from icpshap.jobs.plans import digest
 
@@ -85,6 +84,8 @@ EDITS = {
 ELSEWHERE = {
     ("data", "archive"): "no archive is fetched",
     ("estimators", "kind"): "there is one kind",
+    ("estimators", "sensor_sigma"): "by draws it needs ten of them",
+    ("experiments", "estimators"): "it makes other experiments",
     ("estimators", "based_on"): "what is inherited changes with the options",
     ("experiments", "based_on"): "what is inherited changes with the keys",
 }
@@ -106,8 +107,9 @@ METHOD = set(options.names(Method))
 def edits():
     """Path to (another value, steps that it decides) of every key."""
     found = dict(EDITS)
-    kinds = {name for kind in KINDS for name in presets.option_names(kind)}
-    for name in sorted(kinds):
+    for name in sorted(presets.option_names(presets.DEFAULT_KIND)):
+        if ("estimators", name) in ELSEWHERE:
+            continue
         steps = {"explanation"} if name in METHOD else {"job"}
         if name == "minimum_range":
             steps = {"pair", "job"}
@@ -140,7 +142,8 @@ def keys_of_schema():
         if key not in blocks:
             yield (key,)
     yield from (("perturbation", name) for name in rules["perturbation"]["properties"])
-    for name in rules["estimators"]["additionalProperties"]["properties"]:
+    # The estimator of the campaign is of this kind.
+    for name in schema.estimator(presets.DEFAULT_KIND)["properties"]:
         yield "estimators", "tiny", name
     for name in rules["experiments"]["additionalProperties"]["properties"]:
         yield "experiments", EXPERIMENT, name
