@@ -25,8 +25,8 @@ from benchmarks.icp import PAPER_PAIRS, Clock, simulated_pair
 from icpshap import config, estimators, plan
 from icpshap.data import simulate
 from icpshap.data.pair import Pair, relative_pose
+from icpshap.estimators.kind import GOOD_STATUS
 from icpshap.estimators.perturb import Streams
-from icpshap.explanation import readings
 from icpshap.plan import Setting
 from icpshap.presets import ROBUST
 from icpshap.tables import COVARIANCE, XI
@@ -87,7 +87,7 @@ def estimated(name, pair, preset, setting=CLEAN):
 
 def good_errors(runs):
     """Pose errors (k, 6) of the runs that are in the basin of most."""
-    xi = runs.loc[runs["status"].isin(readings.GOOD_STATUS), XI].to_numpy(dtype=float)
+    xi = runs.loc[runs["status"].isin(GOOD_STATUS), XI].to_numpy(dtype=float)
     away = np.abs(xi - np.median(xi, axis=0))
     return xi[(away[:, :3].max(axis=1) < np.deg2rad(2)) & (away[:, 3:].max(axis=1) < 0.1)]
 

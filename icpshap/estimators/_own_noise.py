@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from icpshap.estimators import closed_form, perturb
-from icpshap.estimators.kind import Covariance, Kind, told
+from icpshap.estimators.kind import GOOD_STATUS, Kind, told
 from icpshap.options import option
 
 FEWEST_DRAWS = 10  # from which the scatter of draws is a covariance
@@ -126,20 +126,10 @@ class OwnNoise(Kind):
             points = same[0].source[usable]
             T, status, iterations = register(points, group.pair.T_reference_source)
             found = closed_form.failed(status)
-            if status in closed_form.USABLE:
+            if status in GOOD_STATUS:
                 variances = [
                     self.sensor_sigma**2 + together * variance
                     for variance in (same[0].source_variance[usable], group.reference_variance)
                 ]
                 found = closed_form.of_clouds(reference, points, T, planes, *variances)
-            for start in same:
-                yield Covariance(
-                    start.setting,
-                    group.noise_draw,
-                    T,
-                    found.covariance,
-                    iterations,
-                    found.status,
-                    found.rmse,
-                    found.inlier_ratio,
-                )
+            yield from found.estimates(group, same, T, iterations)

@@ -21,11 +21,17 @@ import numpy as np
 from icpshap import se3
 from icpshap.estimators import perturb
 from icpshap.estimators._chain import ChainKind
-from icpshap.estimators.kind import COVARIANCES, UNSHARED, Covariance, of_definite, told
+from icpshap.estimators.kind import (
+    COVARIANCES,
+    GOOD_STATUS,
+    UNSHARED,
+    Covariance,
+    of_definite,
+    told,
+)
 from icpshap.options import option
 
 FEWEST_LINKS = 7
-USABLE = ("ok", "max_iterations")  # ends of a run at which it can be linearised
 SINGULAR = 1e-12  # smallest against largest eigenvalue below which a direction is unobservable
 ROUNDING = 2.0**-53  # of one term of a sum, relative; a sum of n terms has rounded n times
 
@@ -105,24 +111,14 @@ class ClosedForm(ChainKind):
             run = self.from_truth(group, reference, same[0])
             T = run.T_reference_source[0]
             found = self.at(group, reference, same[0], T, run.status[0])
-            for start in same:
-                yield Covariance(
-                    start.setting,
-                    group.noise_draw,
-                    T,
-                    found.covariance,
-                    run.iterations[0],
-                    found.status,
-                    found.rmse,
-                    found.inlier_ratio,
-                )
+            yield from found.estimates(group, same, T, run.iterations[0])
 
     def at(self, group, reference, start, T, status):
         """The `Linearised` of a start's first rows at the pose T (4, 4) that a run ended at.
 
         status: of that run; one that failed is not linearised.
         """
-        if status not in USABLE:
+        if status not in GOOD_STATUS:
             return failed(status)
         points = start.source[start.rows[0]]
         variances = self.variances(group, start)
@@ -175,6 +171,11 @@ class Linearised(NamedTuple):
     links: int
     rmse: float
     inlier_ratio: float
+
+    def estimates(self, group, starts, T, iterations):
+        """A `Covariance` of each of the starts, of a run that took so many steps to T (4, 4)."""
+        fields = T, self.covariance, iterations, self.status, self.rmse, self.inlier_ratio
+        return [Covariance(start.setting, group.noise_draw, *fields) for start in starts]
 
 
 def failed(status, links=0, rmse=np.nan, inlier_ratio=0.0):

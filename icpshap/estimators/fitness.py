@@ -12,7 +12,7 @@ import numpy as np
 from icpshap import se3
 from icpshap.estimators import perturb
 from icpshap.estimators._chain import ChainKind
-from icpshap.estimators.kind import COVARIANCES, UNSHARED, Covariance, of_definite
+from icpshap.estimators.kind import COVARIANCES, GOOD_STATUS, UNSHARED, Covariance, of_definite
 from icpshap.options import option
 
 # Of hdl_graph_slam: var_gain_a, fitness_score_thresh [m^2], and the squares of min_stddev and
@@ -58,7 +58,7 @@ class Fitness(ChainKind):
             run = self.from_truth(group, reference, same[0])
             T, status = run.T_reference_source[0], run.status[0]
             covariance = np.full((6, 6), np.nan)
-            if status in ("ok", "max_iterations"):
+            if status in GOOD_STATUS:
                 points = same[0].source[same[0].rows[0]]
                 score = nearest(se3.transform(T, points))[0].mean()
                 covariance = np.diag(FORMULAS[self.formula](score))

@@ -11,7 +11,14 @@ import numpy as np
 from icpshap import se3
 from icpshap.estimators import perturb
 from icpshap.estimators.closed_form import FEWEST_LINKS, is_singular
-from icpshap.estimators.kind import COVARIANCES, UNSHARED, Covariance, Kind, of_definite
+from icpshap.estimators.kind import (
+    COVARIANCES,
+    GOOD_STATUS,
+    UNSHARED,
+    Covariance,
+    Kind,
+    of_definite,
+)
 from icpshap.options import option
 
 DAMPING = 1e-6  # is added to the diagonal of H before a step, as in small_gicp
@@ -106,7 +113,7 @@ class Gicp(Kind):
         at = end.linearised
         inlier_ratio = at.links / len(points)
         covariance, status = nan, end.status
-        if status in ("ok", "max_iterations"):
+        if status in GOOD_STATUS:
             covariance = np.linalg.inv(at.matrix)
             if self.scale == "residuals":
                 covariance = at.weighted / (3 * at.links - 6) * covariance

@@ -11,6 +11,8 @@ import numpy as np
 
 from icpshap.plan import Setting
 
+GOOD_STATUS = ("ok", "max_iterations")  # of the runs and estimates that count
+
 
 @dataclass(frozen=True)
 class Returns:

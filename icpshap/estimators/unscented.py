@@ -11,7 +11,7 @@ import numpy as np
 from icpshap import se3
 from icpshap.estimators import perturb
 from icpshap.estimators.closed_form import ClosedForm
-from icpshap.estimators.kind import Covariance, of_definite
+from icpshap.estimators.kind import GOOD_STATUS, Covariance, of_definite
 from icpshap.options import option
 
 SIGMA_POINTS = 13
@@ -93,9 +93,9 @@ class Unscented(ClosedForm):
                 part = slice(k * SIGMA_POINTS, (k + 1) * SIGMA_POINTS)
                 covariance = scatter(runs.T_reference_source[part], self.composition) + added
                 status = worst([*runs.status[part], white.status])
-                if status in ("ok", "max_iterations"):
+                if status in GOOD_STATUS:
                     status = of_definite(status, covariance)
-                if status not in ("ok", "max_iterations"):
+                if status not in GOOD_STATUS:
                     covariance = np.full((6, 6), np.nan)
                 yield Covariance(
                     start.setting,

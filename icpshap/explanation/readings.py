@@ -17,7 +17,6 @@ import numpy as np
 from scipy.special import digamma
 
 DIMENSION = 6
-GOOD_STATUS = ("ok", "max_iterations")  # of the runs that enter covariances
 SMALLEST_ERROR = 1e-3  # m; keeps the logarithm of the error of a run that lies on the median
 NULL_DRAWS = 10_000
 

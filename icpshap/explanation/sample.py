@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from icpshap.errors import UserError
-from icpshap.estimators.kind import Returns
+from icpshap.estimators.kind import GOOD_STATUS, Returns
 from icpshap.explanation import readings
 from icpshap.explanation.basins import find_basins
 from icpshap.explanation.chains import effective_sample_size
@@ -292,7 +292,7 @@ def _apart(poses, xi, failed, method, length):
 
 
 def _failed(table):
-    return ~table["status"].isin(readings.GOOD_STATUS).to_numpy()
+    return ~table["status"].isin(GOOD_STATUS).to_numpy()
 
 
 def _basins(xi, failed, method, length):

@@ -16,8 +16,8 @@ from icpshap import config as configuration
 from icpshap import estimators, se3
 from icpshap.errors import UserError
 from icpshap.estimators import KINDS, Estimator
+from icpshap.estimators.kind import GOOD_STATUS
 from icpshap.estimators.perturb import Perturbation, Perturbing, Streams, groups
-from icpshap.explanation.readings import GOOD_STATUS
 from icpshap.jobs import digests
 from icpshap.jobs.plans import Plans
 from icpshap.plan import Setting

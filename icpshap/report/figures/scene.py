@@ -16,7 +16,7 @@ from matplotlib.patches import Ellipse
 from icpshap import se3
 from icpshap.causes import named
 from icpshap.data.pair import Pair
-from icpshap.explanation.readings import GOOD_STATUS
+from icpshap.estimators.kind import GOOD_STATUS
 from icpshap.explanation.sample import mark_wrong_basins
 from icpshap.report import words
 from icpshap.report.figures.style import FAINT, MUTED, PAGE, styled
