@@ -98,6 +98,12 @@ def _closest(squared, rows):
     return mask
 
 
+def minibatches_of(group, start, iterations, size):
+    """Those (iterations, size) of a perturb.Start: of noise draw k from number k iterations on."""
+    first = iterations * group.noise_draw
+    return minibatches(group.streams, first, iterations, size, start.rows[0], len(start.source))
+
+
 def minibatches(streams, first, number, size, rows, count):
     """Rows (number, size) of mini-batches: some of `rows`, out of the `count` rows of a scan.
 

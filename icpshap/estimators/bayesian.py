@@ -10,7 +10,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from icpshap.estimators._point_to_point import errors, minibatches, pose_of, transformation_of
+from icpshap.estimators._point_to_point import errors, minibatches_of, pose_of, transformation_of
 from icpshap.estimators.kind import Kind, Returns, Samples
 from icpshap.estimators.perturb import FEWEST_POINTS
 from icpshap.options import option
@@ -107,14 +107,7 @@ class Bayesian(Kind):
         if len(rows) < FEWEST_POINTS:
             found = Chain.failed(begin, self.iterations, "too_few_links")
         else:
-            batches = minibatches(
-                group.streams,
-                self.iterations * group.noise_draw,
-                self.iterations,
-                self.batch,
-                rows,
-                len(start.source),
-            )
+            batches = minibatches_of(group, start, self.iterations, self.batch)
             found = chain(
                 begin,
                 lambda t, x: errors(

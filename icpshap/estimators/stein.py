@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from icpshap.estimators._particles import differences, lower_median
-from icpshap.estimators._point_to_point import errors, minibatches, pose_of, transformation_of
+from icpshap.estimators._point_to_point import errors, minibatches_of, pose_of, transformation_of
 from icpshap.estimators.kind import Kind, Returns, Samples
 from icpshap.estimators.perturb import FEWEST_POINTS
 from icpshap.options import option
@@ -94,14 +94,7 @@ class Stein(Kind):
             if len(rows) < FEWEST_POINTS:
                 yield self._failed(group, start, "too_few_links")
                 continue
-            batches = minibatches(
-                group.streams,
-                self.iterations * group.noise_draw,
-                self.iterations,
-                self.batch,
-                rows,
-                len(start.source),
-            )
+            batches = minibatches_of(group, start, self.iterations, self.batch)
             posterior = self.posterior(start.source, rows, group.reference, match, batches)
             near = pose_of(group.pair.T_reference_source)
             particles = posterior.normalised(pose_of(start.T_initial, near))
