@@ -41,6 +41,7 @@ LEVELS = 9  # sizes of cubes, each half the one above
 SHORT = 64  # a list this short is never split
 WORTH_SPLITTING = 131_072  # candidates scanned in a cube before it is split
 DOMINATORS = 16  # points beyond the k nearest to the centre that are tried as the nearer point
+PORTIONS = (2, DOMINATORS)  # of them, beyond the k nearest, after which the rest is compacted
 HEADER = 4  # integers before the points of a record: length, candidates scanned, group, cell
 TOGETHER = 64  # queries located together
 BUDGET_POINT = 1024  # candidates that fills may read, for each reference point
@@ -122,24 +123,39 @@ def _fill(tree, lists, matches, cell, cx, cy, cz, half, candidates, best, best_d
     reach = math.sqrt(best_distance[matches - 1]) + 2.0 * math.sqrt(3.0) * half
     limit = reach * reach * (1.0 + 1e-6)
     margin = 1e-10 * limit
-    # One dominator after the other, so that the compiler tests several candidates at a time.
-    nearer[:count] = 0
-    for t in range(tried):
-        sx, sy, sz = points[best[t], 0], points[best[t], 1], points[best[t], 2]
-        base = best_distance[t] + margin
-        for k in range(count):
-            span = abs(x[k] - sx) + abs(y[k] - sy) + abs(z[k] - sz)
-            nearer[k] += np.int64(distance[k] - base > 2.0 * half * span)
     record = used[1]
-    length = 0
+    left = 0
     for k in range(count):
-        records[record + HEADER + length] = candidates[k]
-        length += (nearer[k] < matches) & (distance[k] <= limit)
-    records[record] = length
+        near = distance[k] <= limit
+        x[left], y[left], z[left], distance[left] = x[k], y[k], z[k], distance[k]
+        records[record + HEADER + left] = candidates[k]
+        left += near
+    # One dominator after the other, so that the compiler tests several candidates at a time; what
+    # the first ones leave is few.
+    nearer[:left] = 0
+    tested = 0
+    for portion in PORTIONS:
+        end = min(matches + portion, tried)
+        for t in range(tested, end):
+            sx, sy, sz = points[best[t], 0], points[best[t], 1], points[best[t], 2]
+            base = best_distance[t] + margin
+            for k in range(left):
+                span = abs(x[k] - sx) + abs(y[k] - sy) + abs(z[k] - sz)
+                nearer[k] += np.int64(distance[k] - base > 2.0 * half * span)
+        tested = end
+        remaining = 0
+        for k in range(left):
+            kept = nearer[k] < matches
+            x[remaining], y[remaining], z[remaining] = x[k], y[k], z[k]
+            distance[remaining], nearer[remaining] = distance[k], nearer[k]
+            records[record + HEADER + remaining] = records[record + HEADER + k]
+            remaining += kept
+        left = remaining
+    records[record] = left
     records[record + 1] = 0
     records[record + 2] = -1
     records[record + 3] = cell
-    used[1] += HEADER + length
+    used[1] += HEADER + left
     return record
 
 
