@@ -215,7 +215,11 @@ def _seen(kind):
 
 def _options_table(owners, kind):
     """A table of options with their defaults and, of the presets' kind, what the presets change."""
-    named = {"released_code": presets.RELEASED_CODE, "robust": presets.ROBUST}
+    named = {
+        "released_code": presets.RELEASED_CODE,
+        "robust": presets.ROBUST,
+        "lidar": presets.LIDAR,
+    }
     shown = named if kind == presets.DEFAULT_KIND else {}
     rows = []
     for owner in owners:

@@ -378,11 +378,28 @@ def _sequence_inconsistencies(where, block):
     if block.get("simulated") is not None and "time" in block:
         yield (
             f"{where}.time: simulated scans have no columns, expected none. "
-            "Hint: leave it out; scan_order: tilt is the order in which they are measured"
+            "Hint: leave it out; scan_order (tilt, or azimuth of a spinning scanner) is the order "
+            "in which they are measured"
         )
+    if block.get("simulated") is not None:
+        yield from _simulated_inconsistencies(f"{where}.simulated", block["simulated"])
     archive = block.get("archive")
     if archive is not None and not {"url", "path"} & set(archive):
         yield f"{where}.archive: expected url, or path for a ZIP on disk"
+
+
+def _simulated_inconsistencies(where, block):
+    if block.get("rings") is None:
+        if block["beams"] > schema.TILTING_BEAMS:
+            yield (
+                f"{where}.beams: {block['beams']}, expected at most {schema.TILTING_BEAMS}, which "
+                "the tilting laser has. Hint: fewer, or rings for a spinning scanner"
+            )
+        if block.get("speed"):
+            yield (
+                f"{where}.speed: the tilting laser stands while it scans. "
+                "Hint: leave it out, or give rings for a spinning scanner"
+            )
 
 
 def _estimator_inconsistencies(name, estimators):
@@ -431,6 +448,14 @@ def _estimator_inconsistencies(name, estimators):
             f"kind {kind} does not return, or noise draws, of which there is one. "
             "Hint: use none, or more noise_draws"
         )
+    if preset.estimator.perturbing.voxel_size is not None:
+        for cause in preset.estimator.causes.values():
+            if cause.replaces:
+                yield (
+                    f"estimators.{name}.voxel_size: the grid keeps points of the raw scans, which "
+                    f"{cause.name} replaces by others. Hint: overlap_removal: raw, or leave out "
+                    "voxel_size"
+                )
     owners = (preset.estimator.kind, *preset.estimator.causes.values())
     for conflict in filter(None, (owner.conflict for owner in owners)):
         yield f"estimators.{name}.{conflict}"

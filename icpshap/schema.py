@@ -17,6 +17,7 @@ TITLE = {"type": "string", "pattern": rf"^[^\x00-\x1f\x7f]*{END}", "maxLength": 
 NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1, "uniqueItems": True}
 FIGURES = ("summary", "waterfall", "dependence", "interactions", "directions", "pairs")
 MOST_LEVELS = 1000  # of one cause
+TILTING_BEAMS = 367_540  # of a full scan of the simulated tilting laser
 SCENES = ("apartment", "stairwell", "plain")
 
 
@@ -60,9 +61,33 @@ class Simulated:
     scene: str = option(REQUIRED, "The scene", choices=SCENES)
     beams: int = option(
         REQUIRED,
-        "Laser beams of a scan, out of 367540; a few return no point, of the sky none",
+        f"Laser beams of a scan, of the tilting laser drawn out of its {TILTING_BEAMS}; a few "
+        "return no point, of the sky none",
         minimum=1000,
-        maximum=367540,
+        maximum=1_000_000,
+    )
+    rings: int | None = option(
+        None,
+        "Rings of a spinning scanner, over 45 degrees, with equally many beams each; null: a "
+        "tilting laser",
+        minimum=16,
+        maximum=128,
+    )
+    range_noise: float | None = option(
+        None,
+        "Standard deviation of a range; null: 0.01 below and 0.03 above 10 m for the tilting "
+        "laser, 0.02 for the spinning scanner",
+        unit="m",
+        minimum=0,
+        maximum=1,
+    )
+    speed: float = option(
+        0.0,
+        "Speed ahead while the spinning scanner turns, ten times a second, which distorts a scan; "
+        "its pose is that of the middle of the turn",
+        unit="m/s",
+        minimum=0,
+        maximum=50,
     )
 
 
@@ -105,7 +130,7 @@ class Sequence:
     )
     simulated: dict = option(
         None,
-        "Scans of a built-in scene by a simulated tilting laser; null to unset",
+        "Scans of a built-in scene by a simulated laser scanner; null to unset",
         schema=_unsettable(Simulated),
     )
 

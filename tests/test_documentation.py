@@ -211,6 +211,7 @@ def test_the_estimators_of_config_yaml_are_the_presets(paper):
         "paper": presets.PAPER,
         "released_code": presets.RELEASED_CODE,
         "robust": presets.ROBUST,
+        "lidar": presets.LIDAR,
     }
 
 
