@@ -61,6 +61,8 @@ EDITS = {
     ("data", SEQUENCE, "folder", "poses"): ("poses_2.txt", {"poses"}),
     ("data", ROOM, "simulated", "scene"): ("plain", {"simulated"}),
     ("data", ROOM, "simulated", "beams"): (4000, {"simulated"}),
+    ("data", ROOM, "simulated", "rings"): (16, {"simulated"}),
+    ("data", ROOM, "simulated", "range_noise"): (0.005, {"simulated"}),
     ("experiments", EXPERIMENT, "estimator"): ("robust", {"job"}),
     ("experiments", EXPERIMENT, "sequences"): (["own", ROOM], {"joined"}),
     ("experiments", EXPERIMENT, "pairs"): (
@@ -83,6 +85,7 @@ EDITS = {
 # Keys that the campaign's configuration cannot change alone.
 ELSEWHERE = {
     ("data", "archive"): "no archive is fetched",
+    ("data", "speed"): "the tilting laser has none",
     ("estimators", "kind"): "there is one kind",
     ("estimators", "sensor_sigma"): "by draws it needs ten of them",
     ("experiments", "estimators"): "it makes other experiments",
@@ -92,6 +95,8 @@ ELSEWHERE = {
 VALUES = {
     "runs": 80,
     "maximum_distance": 2.0,
+    "voxel_size": 0.1,
+    "normal_radius": 0.2,
     "maximum_iterations": 7,
     "noise_draws": 2,
     "reference_noise_additions": 2,
