@@ -65,6 +65,12 @@ class ChainKind(Kind):
         maximum=1e6,
     )
 
+    @property
+    def neighbourhood(self):
+        if self.metric == "point_to_point":
+            return None
+        return self.normal_neighbours, self.normal_radius or 0.0
+
     def chain(self):
         """The ICP chain that the options describe."""
         from icpshap import icp  # compiled code is loaded where it runs, not where options are read

@@ -207,11 +207,10 @@ def groups(pair, settings, estimator, deviation, streams):
             )
 
 
-def require_points(pair, setting, estimator, streams):
-    """Raise PerturbationError if the causes of a setting leave a run fewer than FEWEST_POINTS.
+def points_of_a_run(pair, setting, estimator, streams):
+    """How many source points the causes of a setting leave a run, in the mean of its runs.
 
-    In the mean of its runs: single ones may have too few links, and are then left out. Counted on
-    the raw source, before anything moves its points.
+    Counted on the raw source, before anything moves its points.
     """
     draws = Draws(pair, estimator, None, streams)
     in_range = np.linalg.norm(pair.source, axis=1) > estimator.perturbing.minimum_range
@@ -219,8 +218,17 @@ def require_points(pair, setting, estimator, streams):
     for noise_draw, runs in enumerate(draws.shares()):
         usable = draws.kept(setting, "source", noise_draw) & in_range
         counts += [len(rows) for rows in draws.subsamples(usable, setting, runs)]
-    left = np.mean(counts)
+    return float(np.mean(counts))
+
+
+def require_points(pair, setting, estimator, streams):
+    """Raise PerturbationError if the causes of a setting leave a run fewer than FEWEST_POINTS.
+
+    In the mean of its runs: single ones may have too few links, and are then left out.
+    """
+    left = points_of_a_run(pair, setting, estimator, streams)
     if left < FEWEST_POINTS:
+        in_range = np.linalg.norm(pair.source, axis=1) > estimator.perturbing.minimum_range
         on = _on(estimator.causes.values(), setting)
         removing = [(cause, level) for cause, level in on if cause.hook() in ("keep", "thin")]
         raise PerturbationError(

@@ -10,6 +10,7 @@ POSES = RESOURCE.replace("{part}", "poses")
 OVERLAP = "resources/{sequence}/overlap/{reference}-{source}.parquet"
 
 PAIR = "results/{experiment}/{sequence}/pairs/{reference}-{source}.parquet"
+FIT_NUMBERS = "results/{experiment}/{sequence}/fit_numbers.parquet"
 RUNS = "results/{experiment}/{sequence}/runs/{job}.parquet"
 ESTIMATES = "results/{experiment}/{sequence}/estimates/{job}.parquet"
 OF_SEQUENCE = "results/{experiment}/{sequence}/{table}.parquet"

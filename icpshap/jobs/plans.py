@@ -195,6 +195,22 @@ class Plans:
             **self._counting(estimator),
         }
 
+    def fit(self, experiment, sequence):
+        """That of how the settings fit the scans, which decides no registration."""
+        found = self.config.experiments[experiment]
+        estimator = self.estimator(experiment)
+        return {
+            "sequence": sequence,
+            "pairs": [list(pair) for pair in found.pairs[sequence]],
+            "overlaps": [digest(self.overlap(sequence, pair)) for pair in found.pairs[sequence]],
+            "levels": {name: max(levels) for name, levels in found.levels.items()},
+            "estimator": estimator.decides(),
+            "plugins": digests.plugin_names(estimator),
+            "seed": self.config.seed,
+            "code": self.code("measure_fit", *estimator.plugins),
+            "versions": versions(),
+        }
+
     def _counting(self, estimator):
         """What decides how many points are left of a run, where a cause asks for that."""
         if not any(cause.counts_points for cause in estimator.causes.values()):
@@ -288,6 +304,7 @@ class Plans:
                 digest(self.pair(experiment, sequence, pair)) for pair in found.pairs[sequence]
             ],
             "estimation": digest(self._estimation(experiment, sequence)),
+            "fit": digest(self.fit(experiment, sequence)),
             "off": {name: estimator.causes[name].off for name in found.causes},
             "levels": {name: list(levels) for name, levels in found.levels.items()},
             "returns": asdict(estimator.returned),

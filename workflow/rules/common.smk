@@ -244,6 +244,10 @@ def plan_of_pair(wildcards):
     return PLANS.pair(wildcards.experiment, wildcards.sequence, pair_of(wildcards))
 
 
+def plan_of_fit(wildcards):
+    return PLANS.fit(wildcards.experiment, wildcards.sequence)
+
+
 def plan_of_job(wildcards):
     return PLANS.job(wildcards.experiment, wildcards.sequence, int(wildcards.job))
 
@@ -498,6 +502,7 @@ def sections():
             "directions": at(paths.TABLE, scope=scope, table="directions"),
             "uncertainty": at(paths.TABLE, scope=scope, table="uncertainty"),
             "pairs": at(paths.TABLE, scope=scope, table="pairs"),
+            "fit": at(paths.TABLE, scope=scope, table="fit"),
             "figures": figures_of(experiment, scope, "svg"),
             "rankings": rankings_of(experiment, scope),
         }
@@ -549,7 +554,7 @@ def targets():
         if not selected_sequences(CONFIG.experiments[name]):
             known = ", ".join(CONFIG.experiments[name].pairs)
             logger.info(f"Skipping {name}: none of its sequences ({known}) is selected.")
-    found = files_of(sections(), "uncertainty", "shap", "directions", "pairs")
+    found = files_of(sections(), "uncertainty", "shap", "directions", "pairs", "fit")
     for experiment, scope in selected_scopes():
         found += figures_of(experiment, scope, "png") + figures_of(experiment, scope, "txt")
         found += scenes_of(experiment, scope, "html")
