@@ -7,7 +7,7 @@ tables, and studies `study.Study`.
 import numpy as np
 
 from icpshap.explanation import readings
-from icpshap.report import directions, effects, words
+from icpshap.report import directions, effects, pose_error, words
 from icpshap.report.study import PAIR, contains_zero, judged, pairs_of
 
 ALONE = "One cause has nothing to interact with."
@@ -24,7 +24,7 @@ def method(table, study):
         made += f", {kept.n_used.min()} or more of them used"
     if len(kept) and study.returns.chain:
         made += f", worth {kept.n_effective.min():.0f} or more independent ones"
-    sentences = [f"Estimator {study.estimator}; f = {reading(study)}; {made}."]
+    sentences = [f"Estimator {study.estimator}; {made}."]
     sentences += filter(None, [study.estimator_kind.spread(study.noise_draws)])
     if len(kept):
         sentences += [*_intervals(kept, study), *sensor_sensitivity(kept, study)]
@@ -57,6 +57,16 @@ def _drawn_once(table, study, over):
             what, of_what = cause.drawn
             parts.setdefault(what, []).append(of_what)
     return words.listed([f"one {what} {words.listed(of)}" for what, of in parts.items()])
+
+
+def symbols(study):
+    """What f, its unit and φ are, in sentences."""
+    known = readings.READINGS[study.divergence]
+    nats = " (a nat is 1.44 bits)" * (known.unit == "nats")
+    what = f" {known.meaning}" * bool(known.meaning)
+    return [
+        f"f = {reading(study)}{nats}{what}; φ, the Shapley value of a cause, is its share of f."
+    ]
 
 
 def reading(study):
@@ -106,9 +116,12 @@ def significance(table, study):
     return [text + "."]
 
 
-def finding(table, study):
-    """The main finding of an experiment in one sentence; what limits it comes first."""
+def finding(table, directions_table, study):
+    """The main finding of an experiment: the pose error, then f; what limits it comes first."""
+    error = pose_error.sentence(directions_table, study)
     where = f"{study.name} ({which_pairs(table, study)})"
+    if error:
+        where += f": {error}. In f [{study.unit}]"
     if len(study.valued(table)) == 0:
         first = [effects.success(table, study), effects.no_basin(table, study)]
         found = f"{where}: {'; '.join(filter(None, [*first, 'no pair has a value']))}."
@@ -118,7 +131,7 @@ def finding(table, study):
     if not rows:
         return f"{where}: nothing was perturbed."
     first = [effects.success(table, study), effects.no_basin(table, study)]
-    first.append(effects.shrinking(table, study))
+    first.append(effects.shrinking(table, study, with_error=not error))
     parts = [*filter(None, first), *_contributions(rows, table, study)]
     return f"{where}: {'; '.join(parts)}."
 
@@ -127,11 +140,11 @@ def _contributions(rows, table, study):
     """What can be told from zero, and which cause is the largest; rows: those where each is on."""
     narrowing = effects.narrowing(table, study)
     judged_by = bool(study.interval_over(table))
-    clear, told = {}, []
+    clear, told = {}, {}
     for cause, part in rows.items():
         known = judged(part, f"phi_{cause.name}")
         significant = ~contains_zero(known, f"phi_{cause.name}")
-        told.append(f"{cause.title} in {significant.sum():,} of {len(known):,}")
+        told[cause] = significant.sum(), len(known)
         # What narrows the spread in some instances may be a source of uncertainty in others.
         narrows = part[f"narrows_{cause.name}"].mean() > effects.MOST
         if not narrows and (not judged_by or significant.sum() > effects.MOST * len(known)):
@@ -144,10 +157,23 @@ def _contributions(rows, table, study):
         which = "other cause" if narrowing else "cause"
         parts = [f"no {which} can be told from zero in most instances"]
     if judged_by:
-        parts.append(f"φ can be told from zero for {', '.join(told)} instances")
+        parts.append(_told_from_zero(told))
     else:
         parts.append("there are no intervals")
     return list(filter(None, parts))
+
+
+def _told_from_zero(told):
+    """Which φ can be told from zero; told: of each cause in how many instances, and of how many."""
+    if max(number for _, number in told.values()) > 1:
+        counts = (f"{c.title} in {some:,} of {number:,}" for c, (some, number) in told.items())
+        return f"φ can be told from zero for {', '.join(counts)} instances"
+    sure = [cause.title for cause, (some, _) in told.items() if some]
+    if not sure:
+        return "no φ can be told from zero"
+    if len(sure) == len(told):
+        return f"{'each ' * (len(told) > 1)}φ can be told from zero"
+    return f"φ can be told from zero for {words.listed(sure)} only"
 
 
 def _largest(cause, rows, study):
@@ -155,7 +181,9 @@ def _largest(cause, rows, study):
     # Where the spread shrinks, f measures a change and not an uncertainty.
     changes = (rows.shrinks | rows[f"narrows_{cause.name}"]).any()
     does = "changes the spread most" if changes else "contributes most to the uncertainty"
-    return f"{cause.title} {does}, φ = {_in_median(rows, f'phi_{cause.name}', study)}"
+    return (
+        f"{cause.title} {does}, its share of f φ = {_in_median(rows, f'phi_{cause.name}', study)}"
+    )
 
 
 def _in_median(rows, name, study):
@@ -248,26 +276,27 @@ def noise_floor(table, study):
     again = pairs_of(kept).f_again.dropna()
     if study.returns.drawn and len(again):
         return [
-            "Noise floor: between two clean samples of a pair f is "
-            f"{words.number(again.median())} (A/A{', in the median' * (len(again) > 1)}); the runs "
-            "of a draw share its noise, so that there is no null of independent ones."
+            "A/A value: between two clean samples of a pair, which differ by chance alone, f is "
+            f"{words.number(again.median())}{' in the median' * (len(again) > 1)}; the runs of a "
+            "draw share its noise, so that there is no noise floor of independent ones."
         ]
     if len(kept) == 0 or kept.null_mean.isna().all():
         return []
     if study.returns.is_deterministic:
         return ["The estimator is deterministic: without a perturbation f is exactly 0."]
     text = (
-        f"Noise floor: f between independent samples of one distribution has the mean "
-        f"{kept.null_mean.mean():.2f} and the 95 % quantile {kept.null_95.mean():.2f}"
+        f"Noise floor: by chance alone, between independent samples of one distribution, f has "
+        f"the mean {kept.null_mean.mean():.2f} and the 95 % quantile {kept.null_95.mean():.2f}"
     )
     if len(again) == 1:
         text += (
-            f"; between two clean samples of this pair it is {words.number(again.iloc[0])} (A/A)"
+            "; between two clean samples of this pair it is "
+            f"{words.number(again.iloc[0])} (A/A value)"
         )
     elif len(again):
         text += (
             f"; between two clean samples of a pair it is {words.number(again.median())} in the "
-            f"median of {len(again)} pairs, at most {words.number(again.max())} (A/A)"
+            f"median of {len(again)} pairs, at most {words.number(again.max())} (A/A value)"
         )
     return [text + "."]
 
@@ -330,7 +359,8 @@ def _left_out(table, study):
 
 def caption(figure, table, study):
     """The caption of a figure by its name, as one paragraph; warnings come last."""
-    sentences = [_opening(figure, table, study), *limits(table, study), *method(table, study)]
+    sentences = [_opening(figure, table, study), *limits(table, study), *symbols(study)]
+    sentences += method(table, study)
     sentences += significance(table, study)
     if figure in ("waterfall", "pairs"):
         sentences += noise_floor(table, study)

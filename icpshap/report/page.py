@@ -9,7 +9,7 @@ import yaml
 from jinja2 import Environment, FileSystemLoader
 from markupsafe import Markup
 
-from icpshap.report import by_estimator, captions, directions, effects, tables
+from icpshap.report import by_estimator, captions, directions, effects, pose_error, tables
 from icpshap.report.study import Study
 
 TEMPLATE = Path(__file__).with_suffix(".html")
@@ -75,6 +75,7 @@ def page(sections, run, folder, comparison=None, joined=()):
     parts = _parts(joined)
     return environment.get_template(TEMPLATE.name).render(
         findings=_findings(sections, joined),
+        symbols=_symbols(sections),
         joined=[_described_estimators(part, folder) for part in joined],
         parts=[section.scope for section in sections if section.study.name in parts],
         sections=[_described(section, folder) for section in sections],
@@ -94,7 +95,7 @@ def summary(sections, page_path, joined=()):
         )
     for section in _alone(sections, joined):
         lines.append(f"Results: results/{section.scope}/ (figures, tables, shap.parquet)")
-    lines += ["", *_findings(sections, joined)]
+    lines += ["", *_findings(sections, joined), *_symbols(sections)]
     number = sum(len(warnings(section)) for section in sections)
     if number:
         lines.append(f"The report opens with {number} warning{'s' * (number > 1)}.")
@@ -113,9 +114,29 @@ def _alone(sections, joined):
 
 def _findings(sections, joined):
     """The main findings, a sentence each; of several estimators one of all together."""
-    together = [by_estimator.finding(part.table, part.study) for part in joined]
-    alone = _alone(sections, joined)
-    return together + [captions.finding(section.shap, section.study) for section in alone]
+    together = [
+        by_estimator.finding(part.table, part.study, _errors(part, sections)) for part in joined
+    ]
+    return together + [_finding(section) for section in _alone(sections, joined)]
+
+
+def _symbols(sections):
+    """What the symbols of the findings are, each once."""
+    return list(dict.fromkeys(text for part in sections for text in captions.symbols(part.study)))
+
+
+def _finding(section):
+    return captions.finding(section.shap, section.directions, section.study)
+
+
+def _errors(part, sections):
+    """Of each estimator of a part its name, and what `pose_error.before_and_after` returns."""
+    scopes = {part.scope.replace(part.study.name, name, 1) for name in part.parts}
+    return [
+        (section.study.estimator, *pose_error.before_and_after(section.directions, section.study))
+        for section in sections
+        if section.scope in scopes
+    ]
 
 
 def _described_estimators(part, folder):
@@ -136,11 +157,11 @@ def _described(section, folder):
     ranked = section.ranking is not None
     shared = [*captions.method(section.shap, study), *captions.significance(section.shap, study)]
     method = " ".join([*shared, *captions.noise_floor(section.shap, study)])
-    said = [method, " ".join(shared), *warnings(section)]
+    said = [*captions.symbols(study), method, " ".join(shared), *warnings(section)]
     return {
         "title": section.scope,
         "anchor": anchor,
-        "finding": captions.finding(section.shap, study),
+        "finding": _finding(section),
         "warnings": warnings(section),
         "returned": captions.returned(study),
         "method": method,
