@@ -7,8 +7,8 @@ tables, and studies `study.Study`.
 import numpy as np
 
 from icpshap.explanation import readings
-from icpshap.report import directions, effects, pose_error, words
-from icpshap.report.study import PAIR, contains_zero, judged, pairs_of
+from icpshap.report import directions, doubts, effects, pose_error, words
+from icpshap.report.study import contains_zero, judged, pairs_of
 
 ALONE = "One cause has nothing to interact with."
 NOTHING_PERTURBED = "Nothing was perturbed."
@@ -194,62 +194,6 @@ def _in_median(rows, name, study):
 # --- what makes it doubtful -----------------------------------------------------------------------
 
 
-def basins(table, study):
-    """How many runs end in a wrong basin, and what the Shapley values are with and without them."""
-    kept = study.valued(table)
-    if len(kept) == 0 or not study.returns.samples:
-        return []
-    most, runs = kept.n_wrong_basin.max(), kept.n_runs.max()
-    if most == 0:
-        return [f"No {study.repeats.removesuffix('s')} ended in a wrong basin."]
-    done = {"keep": "kept", "leave_out": "left out"}[study.wrong_basins]
-    sentences = [
-        f"{study.repeats.capitalize()} that end in a wrong basin in at least one setting of an "
-        f"instance: {kept.n_wrong_basin.median():.0f} of {runs} in the median, at most {most}; "
-        f"{done}."
-    ]
-    both = kept[kept.f_right_basin.notna()]
-    if len(both):
-        where = "" if len(both) == len(kept) else f" of the {len(both)} instances that allow it"
-        parts = ", ".join(_with_and_without(both, study))
-        sentences.append(f"Median φ{where} with and without such {study.repeats}: {parts}.")
-    if len(both) < len(kept):
-        sentences.append(
-            f"For {len(kept) - len(both)} of {len(kept)} instances too few {study.repeats} are "
-            "left without them."
-        )
-    return sentences
-
-
-def _with_and_without(table, study):
-    for cause in study.shown(table):
-        rows = study.present(table, cause)
-        kept, left_out = (
-            words.number(rows[f"phi_{cause.name}_{which}"].median())
-            for which in ("all", "right_basin")
-        )
-        yield f"{cause.title} {kept} and {left_out}"
-
-
-def floor_sensitivity(table, study):
-    """How far the covariance floor decides the Shapley values, where a warning is about it."""
-    doubtful = study.valued(table[table.warning.str.contains("of the clean variance")])
-    parts = []
-    for cause in study.shown(doubtful):
-        phi = doubtful[f"phi_{cause.name}"]
-        tenfold, tenth = (
-            (doubtful[f"phi_{cause.name}_floor_{floor}"] - phi).abs().max()
-            for floor in ("tenfold", "tenth")
-        )
-        parts.append(f"{cause.title} {tenfold:.2g} and {tenth:.2g}")
-    if not parts:
-        return []
-    return [
-        "With ten times and with a tenth of the covariance floor φ changes by at most: "
-        f"{', '.join(parts)}."
-    ]
-
-
 def sensor_sensitivity(table, study):
     """How far what the sensor's own noise was said to be decides the Shapley values."""
     parts = []
@@ -301,71 +245,34 @@ def noise_floor(table, study):
     return [text + "."]
 
 
-def warnings(table, study):
-    """Pairs that were excluded and why, and what makes the others doubtful; a line each."""
-    return [
-        *_not_registered(table, study),
-        *_remarks(table, study),
-        *floor_sensitivity(table, study),
-        *_unsettled(table, study),
-        *_left_out(table, study),
-    ]
-
-
-def _not_registered(table, study):
-    pairs = pairs_of(table).itertuples()
-    excluded = [f"{study.pair(row)} ({row.reason})" for row in pairs if row.reason]
-    return [f"Not registered: {', '.join(excluded)}."] if excluded else []
-
-
-def _remarks(table, study):
-    lines = []
-    for warning, rows in table[table.warning != ""].groupby("warning", sort=False):
-        names = [study.pair(row) for row in rows.drop_duplicates(PAIR).itertuples()]
-        where = ", ".join(names) if len(names) <= 4 else f"{len(names)} pairs"
-        lines.append(f"{where} ({len(rows)} instance{'s' * (len(rows) > 1)}): {warning}.")
-    return lines
-
-
-def _unsettled(table, study):
-    pairs = study.valued(pairs_of(table))
-    unsettled = pairs[pairs.f_again > pairs.null_95]
-    if len(unsettled) == 0:
-        return []
-    return [
-        f"In {len(unsettled)} of {len(pairs)} pairs two clean samples differ by more than the "
-        f"noise floor, f = {words.number(unsettled.f_again.max())} {study.unit} at most: an f of "
-        "that size need not come from any cause."
-    ]
-
-
-def _left_out(table, study):
-    lines = []
-    failed = table[table.n_failed > 0]
-    if len(failed):
-        lines.append(
-            f"{len(failed)} instances have {study.repeats} that failed, at most "
-            f"{failed.n_failed.max()} of {failed.n_runs.max()}; these are left out of all of the "
-            "instance's settings."
-        )
-    without = len(table[table.reason == ""]) - len(study.valued(table))
-    if without:
-        lines.append(f"{without} instances have no value: too few {study.repeats} were left.")
-    return lines
-
-
 # --- captions -------------------------------------------------------------------------------------
 
 
 def caption(figure, table, study):
     """The caption of a figure by its name, as one paragraph; warnings come last."""
-    sentences = [_opening(figure, table, study), *limits(table, study), *symbols(study)]
-    sentences += method(table, study)
-    sentences += significance(table, study)
-    if figure in ("waterfall", "pairs"):
-        sentences += noise_floor(table, study)
-    told = [*effects.shares(table, study), *basins(table, study), *warnings(table, study)]
-    return " ".join([*sentences, *told])
+    of_chance = noise_floor(table, study) if figure in ("waterfall", "pairs") else []
+    return " ".join([_opening(figure, table, study), *of_all(table, study), *of_chance])
+
+
+def of_all(table, study):
+    """What every caption says of a table, a page but once; what limits it first, in sentences."""
+    return [
+        *limits(table, study),
+        *symbols(study),
+        *method(table, study),
+        *significance(table, study),
+        *effects.shares(table, study),
+        *no_wrong_basin(table, study),
+        *doubts.warnings(table, study),
+    ]
+
+
+def no_wrong_basin(table, study):
+    """That no run ended in a wrong basin, where that is so; else it is a doubt."""
+    kept = study.valued(table)
+    if len(kept) == 0 or not study.returns.samples or kept.n_wrong_basin.max() > 0:
+        return []
+    return [f"No {study.repeats.removesuffix('s')} ended in a wrong basin."]
 
 
 def of_directions(table, shap, study):
@@ -415,7 +322,9 @@ def which_instances(table, study):
     levels = table[[cause.name for cause in shown]].drop_duplicates()
     if len(levels) == 1:
         return f"at {words.describe_values(levels.iloc[0], shown)}"
-    ranges = (f"{c.symbol} {levels[c.name].min():g} to {levels[c.name].max():g}" for c in shown)
+    ranges = (
+        f"{c.title} {c.symbol} {levels[c.name].min():g} to {levels[c.name].max():g}" for c in shown
+    )
     return f"for {len(levels)} perturbations ({', '.join(ranges)})"
 
 

@@ -18,7 +18,7 @@ from known_results import (
 )
 
 from icpshap import estimators, tables
-from icpshap.report import captions, effects
+from icpshap.report import captions, doubts, effects
 
 DRAWS = "one draw of the sensor noise and of the removed points"
 ABOUT_INTERVALS = ("significant", "distinguished", "told from zero", "95 %", "interval")
@@ -92,28 +92,6 @@ def test_a_value_without_interval_is_not_counted(grid):
     assert f"of {number} Shapley" in before and f"of {number - 1} Shapley" in after
 
 
-def test_caption_gives_values_with_and_without_wrong_basins(grid):
-    grid["n_wrong_basin"] = 3
-    first, second = captions.basins(grid, STUDY)
-    assert "3 of 100 in the median, at most 3; kept." in first
-    both = on(grid, "sensor_noise").phi_sensor_noise.median() + 0.25
-    assert f"sensor noise {both:.2f} and {both:.2f}" in second
-
-
-def test_warning_comes_with_the_sensitivity_to_the_floor(grid):
-    grid["warning"] = "the floor makes up 90% of the clean variance in one direction"
-    lines = captions.warnings(grid, STUDY)
-    assert f"Apartment 6–7 ({len(grid)} instances): the floor makes up 90%" in lines[0]
-    assert "sensor noise 0.25 and 0.25" in lines[1]
-
-
-def test_a_pair_whose_clean_samples_differ_is_a_warning(grid):
-    assert captions.warnings(grid, STUDY) == []
-    (line,) = captions.warnings(grid.assign(f_again=364.68), STUDY)
-    assert line.startswith("In 1 of 1 pairs two clean samples differ by more than the noise floor")
-    assert "f = 364.68 nats at most" in line and line.endswith("need not come from any cause.")
-
-
 def test_noise_floor_sentence(grid):
     (sentence,) = captions.noise_floor(grid, STUDY)
     assert "mean 0.23 and the 95 % quantile 0.37" in sentence
@@ -180,7 +158,7 @@ def everything_said(table, study):
     texts = [captions.caption(name, table, study) for name in ("summary", "interactions", "pairs")]
     texts += [captions.caption(name, table, study) for name in study.dependence_figures]
     texts += [captions.caption("waterfall", instance, study), finding(table, study)]
-    return " ".join([*texts, *captions.warnings(table, study)])
+    return " ".join([*texts, *doubts.warnings(table, study)])
 
 
 def test_a_covariance_is_neither_a_run_nor_random(grid):
@@ -224,7 +202,7 @@ def test_samples_that_depend_on_one_another_are_no_runs(grid):
     table = without_intervals(grid, reason).assign(null_mean=np.nan, null_95=np.nan, f_again=np.nan)
     text = everything_said(table.assign(n_wrong_basin=3), study)
     assert "100 samples a setting" in text and f"No intervals: {reason}." in text
-    assert "Samples that end in a wrong basin" in text and "without such samples" in text
+    assert "Samples in a wrong basin" in text and "without such samples" in text
     for word in ("run", "Run", "Noise floor", *ABOUT_INTERVALS[:3]):
         assert word not in text, word
 
