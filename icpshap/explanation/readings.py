@@ -102,7 +102,7 @@ class Reading:
     f of two samples of one distribution does not depend on which; only then is there a null, of
     which `null_factor` is the mean, in units of the KL's. needs_samples: covariances alone do not
     tell; bounded: far runs do not decide it, so that none are left out; counts_failed: nor are
-    those that failed.
+    those that failed; meaning: what f says, the rest of a sentence that begins with f.
     """
 
     label: str
@@ -114,6 +114,7 @@ class Reading:
     needs_samples: bool = False
     bounded: bool = False
     counts_failed: bool = False
+    meaning: str = ""
 
 
 def floor_matrix(rotation, translation):
@@ -280,15 +281,39 @@ def _wrong_basin_share(clean, perturbed, unbiased):
     return perturbed.mean("lost")
 
 
+AWAY = "says how far the spread of the results is from that of the clean pair, 0 where it is equal"
+
 READINGS = {
-    "kl": Reading("KL(clean, perturbed)", "nats", _kl, True, True, 1.0),
-    "reverse_kl": Reading("KL(perturbed, clean)", "nats", _reverse_kl, True, True, 1.0),
-    "symmetric_kl": Reading("symmetric KL", "nats", _symmetric_kl, True, True, 2.0),
-    "entropy_difference": Reading(
-        "entropy difference", "nats", _entropy_difference, True, True, 0.0
+    "kl": Reading("KL(clean, perturbed)", "nats", _kl, True, True, 1.0, meaning=AWAY),
+    "reverse_kl": Reading(
+        "KL(perturbed, clean)", "nats", _reverse_kl, True, True, 1.0, meaning=AWAY
     ),
-    "translation_rmse": Reading("translation RMSE", "m", _translation_rmse, False, False),
-    "rotation_rmse": Reading("rotation RMSE", "rad", _rotation_rmse, False, False),
+    "symmetric_kl": Reading("symmetric KL", "nats", _symmetric_kl, True, True, 2.0, meaning=AWAY),
+    "entropy_difference": Reading(
+        "entropy difference",
+        "nats",
+        _entropy_difference,
+        True,
+        True,
+        0.0,
+        meaning="is by how much the logarithm of the spread's volume grows",
+    ),
+    "translation_rmse": Reading(
+        "translation RMSE",
+        "m",
+        _translation_rmse,
+        False,
+        False,
+        meaning="is the root mean square of the distance to the true position",
+    ),
+    "rotation_rmse": Reading(
+        "rotation RMSE",
+        "rad",
+        _rotation_rmse,
+        False,
+        False,
+        meaning="is the root mean square of the angle to the true rotation",
+    ),
     "log_error": Reading(
         "logarithm of the error about the median pose",
         "nats",
@@ -297,6 +322,8 @@ READINGS = {
         False,
         needs_samples=True,
         bounded=True,
+        meaning="is the mean logarithm of the distance to the median result, which no far result "
+        "decides",
     ),
     "wrong_basin_share": Reading(
         "share of runs in a wrong basin",
@@ -307,6 +334,7 @@ READINGS = {
         needs_samples=True,
         bounded=True,
         counts_failed=True,
+        meaning="is how often a run fails or ends far from where most others do",
     ),
 }
 """The meanings of f, by config value.

@@ -241,9 +241,11 @@ def _grouped(table, column):
     return "; ".join(f"{value} ({words.listed(estimators(rows))})" for value, rows in groups)
 
 
-def finding(table, study):
-    """The main finding in one sentence."""
-    where = f"{study.name} ({captions.which_pairs(table, study)})"
+def finding(table, study, errors=()):
+    """The main finding in one sentence; errors: see `_pose_errors`."""
+    where = ": ".join(
+        filter(None, [f"{study.name} ({captions.which_pairs(table, study)})", _pose_errors(errors)])
+    )
     kept = study.valued(table)
     medians = kept.groupby("estimator", sort=False)[["f", *study.phi(table)]].median()
     if len(medians) == 0:
@@ -265,3 +267,17 @@ def finding(table, study):
     if len(blind):
         parts.append(f"f is below {BLIND:g} {study.unit} for {words.listed(list(blind))}")
     return f"{where}: {'; '.join(parts)}."
+
+
+def _pose_errors(errors):
+    """The pose errors clean and with all causes on, of covariances last; "" if none is known.
+
+    errors: of each estimator its name, both in words, and whether that is an error.
+    """
+    said = []
+    for what, is_error in (("pose error (root mean square)", True), ("standard deviation", False)):
+        known = [f"{text} ({name})" for name, text, error in errors if text and error == is_error]
+        if known:
+            of = " of covariances, where no samples tell the error," * (not is_error)
+            said.append(f"{what}{of} clean to all causes {'; '.join(known)}")
+    return "; ".join(said)

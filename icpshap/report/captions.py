@@ -7,8 +7,8 @@ tables, and studies `study.Study`.
 import numpy as np
 
 from icpshap.explanation import readings
-from icpshap.report import directions, effects, words
-from icpshap.report.study import PAIR, contains_zero, judged, pairs_of
+from icpshap.report import directions, doubts, effects, pose_error, words
+from icpshap.report.study import contains_zero, judged, pairs_of
 
 ALONE = "One cause has nothing to interact with."
 NOTHING_PERTURBED = "Nothing was perturbed."
@@ -24,7 +24,7 @@ def method(table, study):
         made += f", {kept.n_used.min()} or more of them used"
     if len(kept) and study.returns.chain:
         made += f", worth {kept.n_effective.min():.0f} or more independent ones"
-    sentences = [f"Estimator {study.estimator}; f = {reading(study)}; {made}."]
+    sentences = [f"Estimator {study.estimator}; {made}."]
     sentences += filter(None, [study.estimator_kind.spread(study.noise_draws)])
     if len(kept):
         sentences += [*_intervals(kept, study), *sensor_sensitivity(kept, study)]
@@ -57,6 +57,16 @@ def _drawn_once(table, study, over):
             what, of_what = cause.drawn
             parts.setdefault(what, []).append(of_what)
     return words.listed([f"one {what} {words.listed(of)}" for what, of in parts.items()])
+
+
+def symbols(study):
+    """What f, its unit and φ are, in sentences."""
+    known = readings.READINGS[study.divergence]
+    nats = " (a nat is 1.44 bits)" * (known.unit == "nats")
+    what = f" {known.meaning}" * bool(known.meaning)
+    return [
+        f"f = {reading(study)}{nats}{what}; φ, the Shapley value of a cause, is its share of f."
+    ]
 
 
 def reading(study):
@@ -106,9 +116,12 @@ def significance(table, study):
     return [text + "."]
 
 
-def finding(table, study):
-    """The main finding of an experiment in one sentence; what limits it comes first."""
+def finding(table, directions_table, study):
+    """The main finding of an experiment: the pose error, then f; what limits it comes first."""
+    error = pose_error.sentence(directions_table, study)
     where = f"{study.name} ({which_pairs(table, study)})"
+    if error:
+        where += f": {error}. In f [{study.unit}]"
     if len(study.valued(table)) == 0:
         first = [effects.success(table, study), effects.no_basin(table, study)]
         found = f"{where}: {'; '.join(filter(None, [*first, 'no pair has a value']))}."
@@ -118,7 +131,7 @@ def finding(table, study):
     if not rows:
         return f"{where}: nothing was perturbed."
     first = [effects.success(table, study), effects.no_basin(table, study)]
-    first.append(effects.shrinking(table, study))
+    first.append(effects.shrinking(table, study, with_error=not error))
     parts = [*filter(None, first), *_contributions(rows, table, study)]
     return f"{where}: {'; '.join(parts)}."
 
@@ -127,11 +140,11 @@ def _contributions(rows, table, study):
     """What can be told from zero, and which cause is the largest; rows: those where each is on."""
     narrowing = effects.narrowing(table, study)
     judged_by = bool(study.interval_over(table))
-    clear, told = {}, []
+    clear, told = {}, {}
     for cause, part in rows.items():
         known = judged(part, f"phi_{cause.name}")
         significant = ~contains_zero(known, f"phi_{cause.name}")
-        told.append(f"{cause.title} in {significant.sum():,} of {len(known):,}")
+        told[cause] = significant.sum(), len(known)
         # What narrows the spread in some instances may be a source of uncertainty in others.
         narrows = part[f"narrows_{cause.name}"].mean() > effects.MOST
         if not narrows and (not judged_by or significant.sum() > effects.MOST * len(known)):
@@ -144,10 +157,23 @@ def _contributions(rows, table, study):
         which = "other cause" if narrowing else "cause"
         parts = [f"no {which} can be told from zero in most instances"]
     if judged_by:
-        parts.append(f"φ can be told from zero for {', '.join(told)} instances")
+        parts.append(_told_from_zero(told))
     else:
         parts.append("there are no intervals")
     return list(filter(None, parts))
+
+
+def _told_from_zero(told):
+    """Which φ can be told from zero; told: of each cause in how many instances, and of how many."""
+    if max(number for _, number in told.values()) > 1:
+        counts = (f"{c.title} in {some:,} of {number:,}" for c, (some, number) in told.items())
+        return f"φ can be told from zero for {', '.join(counts)} instances"
+    sure = [cause.title for cause, (some, _) in told.items() if some]
+    if not sure:
+        return "no φ can be told from zero"
+    if len(sure) == len(told):
+        return f"{'each ' * (len(told) > 1)}φ can be told from zero"
+    return f"φ can be told from zero for {words.listed(sure)} only"
 
 
 def _largest(cause, rows, study):
@@ -155,7 +181,9 @@ def _largest(cause, rows, study):
     # Where the spread shrinks, f measures a change and not an uncertainty.
     changes = (rows.shrinks | rows[f"narrows_{cause.name}"]).any()
     does = "changes the spread most" if changes else "contributes most to the uncertainty"
-    return f"{cause.title} {does}, φ = {_in_median(rows, f'phi_{cause.name}', study)}"
+    return (
+        f"{cause.title} {does}, its share of f φ = {_in_median(rows, f'phi_{cause.name}', study)}"
+    )
 
 
 def _in_median(rows, name, study):
@@ -164,62 +192,6 @@ def _in_median(rows, name, study):
 
 
 # --- what makes it doubtful -----------------------------------------------------------------------
-
-
-def basins(table, study):
-    """How many runs end in a wrong basin, and what the Shapley values are with and without them."""
-    kept = study.valued(table)
-    if len(kept) == 0 or not study.returns.samples:
-        return []
-    most, runs = kept.n_wrong_basin.max(), kept.n_runs.max()
-    if most == 0:
-        return [f"No {study.repeats.removesuffix('s')} ended in a wrong basin."]
-    done = {"keep": "kept", "leave_out": "left out"}[study.wrong_basins]
-    sentences = [
-        f"{study.repeats.capitalize()} that end in a wrong basin in at least one setting of an "
-        f"instance: {kept.n_wrong_basin.median():.0f} of {runs} in the median, at most {most}; "
-        f"{done}."
-    ]
-    both = kept[kept.f_right_basin.notna()]
-    if len(both):
-        where = "" if len(both) == len(kept) else f" of the {len(both)} instances that allow it"
-        parts = ", ".join(_with_and_without(both, study))
-        sentences.append(f"Median φ{where} with and without such {study.repeats}: {parts}.")
-    if len(both) < len(kept):
-        sentences.append(
-            f"For {len(kept) - len(both)} of {len(kept)} instances too few {study.repeats} are "
-            "left without them."
-        )
-    return sentences
-
-
-def _with_and_without(table, study):
-    for cause in study.shown(table):
-        rows = study.present(table, cause)
-        kept, left_out = (
-            words.number(rows[f"phi_{cause.name}_{which}"].median())
-            for which in ("all", "right_basin")
-        )
-        yield f"{cause.title} {kept} and {left_out}"
-
-
-def floor_sensitivity(table, study):
-    """How far the covariance floor decides the Shapley values, where a warning is about it."""
-    doubtful = study.valued(table[table.warning.str.contains("of the clean variance")])
-    parts = []
-    for cause in study.shown(doubtful):
-        phi = doubtful[f"phi_{cause.name}"]
-        tenfold, tenth = (
-            (doubtful[f"phi_{cause.name}_floor_{floor}"] - phi).abs().max()
-            for floor in ("tenfold", "tenth")
-        )
-        parts.append(f"{cause.title} {tenfold:.2g} and {tenth:.2g}")
-    if not parts:
-        return []
-    return [
-        "With ten times and with a tenth of the covariance floor φ changes by at most: "
-        f"{', '.join(parts)}."
-    ]
 
 
 def sensor_sensitivity(table, study):
@@ -248,81 +220,29 @@ def noise_floor(table, study):
     again = pairs_of(kept).f_again.dropna()
     if study.returns.drawn and len(again):
         return [
-            "Noise floor: between two clean samples of a pair f is "
-            f"{words.number(again.median())} (A/A{', in the median' * (len(again) > 1)}); the runs "
-            "of a draw share its noise, so that there is no null of independent ones."
+            "A/A value: between two clean samples of a pair, which differ by chance alone, f is "
+            f"{words.number(again.median())}{' in the median' * (len(again) > 1)}; the runs of a "
+            "draw share its noise, so that there is no noise floor of independent ones."
         ]
     if len(kept) == 0 or kept.null_mean.isna().all():
         return []
     if study.returns.is_deterministic:
         return ["The estimator is deterministic: without a perturbation f is exactly 0."]
     text = (
-        f"Noise floor: f between independent samples of one distribution has the mean "
-        f"{kept.null_mean.mean():.2f} and the 95 % quantile {kept.null_95.mean():.2f}"
+        f"Noise floor: by chance alone, between independent samples of one distribution, f has "
+        f"the mean {kept.null_mean.mean():.2f} and the 95 % quantile {kept.null_95.mean():.2f}"
     )
     if len(again) == 1:
         text += (
-            f"; between two clean samples of this pair it is {words.number(again.iloc[0])} (A/A)"
+            "; between two clean samples of this pair it is "
+            f"{words.number(again.iloc[0])} (A/A value)"
         )
     elif len(again):
         text += (
             f"; between two clean samples of a pair it is {words.number(again.median())} in the "
-            f"median of {len(again)} pairs, at most {words.number(again.max())} (A/A)"
+            f"median of {len(again)} pairs, at most {words.number(again.max())} (A/A value)"
         )
     return [text + "."]
-
-
-def warnings(table, study):
-    """Pairs that were excluded and why, and what makes the others doubtful; a line each."""
-    return [
-        *_not_registered(table, study),
-        *_remarks(table, study),
-        *floor_sensitivity(table, study),
-        *_unsettled(table, study),
-        *_left_out(table, study),
-    ]
-
-
-def _not_registered(table, study):
-    pairs = pairs_of(table).itertuples()
-    excluded = [f"{study.pair(row)} ({row.reason})" for row in pairs if row.reason]
-    return [f"Not registered: {', '.join(excluded)}."] if excluded else []
-
-
-def _remarks(table, study):
-    lines = []
-    for warning, rows in table[table.warning != ""].groupby("warning", sort=False):
-        names = [study.pair(row) for row in rows.drop_duplicates(PAIR).itertuples()]
-        where = ", ".join(names) if len(names) <= 4 else f"{len(names)} pairs"
-        lines.append(f"{where} ({len(rows)} instance{'s' * (len(rows) > 1)}): {warning}.")
-    return lines
-
-
-def _unsettled(table, study):
-    pairs = study.valued(pairs_of(table))
-    unsettled = pairs[pairs.f_again > pairs.null_95]
-    if len(unsettled) == 0:
-        return []
-    return [
-        f"In {len(unsettled)} of {len(pairs)} pairs two clean samples differ by more than the "
-        f"noise floor, f = {words.number(unsettled.f_again.max())} {study.unit} at most: an f of "
-        "that size need not come from any cause."
-    ]
-
-
-def _left_out(table, study):
-    lines = []
-    failed = table[table.n_failed > 0]
-    if len(failed):
-        lines.append(
-            f"{len(failed)} instances have {study.repeats} that failed, at most "
-            f"{failed.n_failed.max()} of {failed.n_runs.max()}; these are left out of all of the "
-            "instance's settings."
-        )
-    without = len(table[table.reason == ""]) - len(study.valued(table))
-    if without:
-        lines.append(f"{without} instances have no value: too few {study.repeats} were left.")
-    return lines
 
 
 # --- captions -------------------------------------------------------------------------------------
@@ -330,12 +250,29 @@ def _left_out(table, study):
 
 def caption(figure, table, study):
     """The caption of a figure by its name, as one paragraph; warnings come last."""
-    sentences = [_opening(figure, table, study), *limits(table, study), *method(table, study)]
-    sentences += significance(table, study)
-    if figure in ("waterfall", "pairs"):
-        sentences += noise_floor(table, study)
-    told = [*effects.shares(table, study), *basins(table, study), *warnings(table, study)]
-    return " ".join([*sentences, *told])
+    of_chance = noise_floor(table, study) if figure in ("waterfall", "pairs") else []
+    return " ".join([_opening(figure, table, study), *of_all(table, study), *of_chance])
+
+
+def of_all(table, study):
+    """What every caption says of a table, a page but once; what limits it first, in sentences."""
+    return [
+        *limits(table, study),
+        *symbols(study),
+        *method(table, study),
+        *significance(table, study),
+        *effects.shares(table, study),
+        *no_wrong_basin(table, study),
+        *doubts.warnings(table, study),
+    ]
+
+
+def no_wrong_basin(table, study):
+    """That no run ended in a wrong basin, where that is so; else it is a doubt."""
+    kept = study.valued(table)
+    if len(kept) == 0 or not study.returns.samples or kept.n_wrong_basin.max() > 0:
+        return []
+    return [f"No {study.repeats.removesuffix('s')} ended in a wrong basin."]
 
 
 def of_directions(table, shap, study):
@@ -385,7 +322,9 @@ def which_instances(table, study):
     levels = table[[cause.name for cause in shown]].drop_duplicates()
     if len(levels) == 1:
         return f"at {words.describe_values(levels.iloc[0], shown)}"
-    ranges = (f"{c.symbol} {levels[c.name].min():g} to {levels[c.name].max():g}" for c in shown)
+    ranges = (
+        f"{c.title} {c.symbol} {levels[c.name].min():g} to {levels[c.name].max():g}" for c in shown
+    )
     return f"for {len(levels)} perturbations ({', '.join(ranges)})"
 
 

@@ -50,14 +50,15 @@ class Part(NamedTuple):
 class Row(NamedTuple):
     """A direction: its words, the unit whose square its numbers have, and medians of instances.
 
-    Ends are intervals of the standard deviations and of the 95 % quantiles, as text; vector (6,):
-    of the direction, rotation first in units of 1/L, NaN where it is none or differs between
-    instances.
+    factor: from m or rad to the unit. Ends are intervals of the standard deviations and of the
+    95 % quantiles, as text; vector (6,): of the direction, rotation first in units of 1/L, NaN
+    where it is none or differs between instances.
     """
 
     name: str
     words: str
     unit: str
+    factor: float
     clean: float
     clean_ends: str
     value: float
@@ -77,8 +78,12 @@ def chosen(table, study):
 
 
 def summary(table, study):
+    """A `Row` for each direction with values, medians over the instances that are shown."""
+    return medians(chosen(table, study), study.shown(table))
+
+
+def medians(table, shown):
     """A `Row` for each direction with values, medians over the instances of the table."""
-    table, shown = chosen(table, study), study.shown(table)
     rows = []
     for name in ORDER:
         found = table[(table.direction == name) & table.value.notna()]
@@ -89,7 +94,7 @@ def summary(table, study):
 
 def _row(name, found, shown):
     turns = "rotation" in name
-    unit, factor = ("°", np.rad2deg(1.0)) if turns else ("cm", 100.0)
+    unit, factor = ("deg", np.rad2deg(1.0)) if turns else ("cm", 100.0)
 
     def of_deviation(end):
         return deviation(factor**2 * end)
@@ -124,6 +129,7 @@ def _row(name, found, shown):
         name,
         text,
         unit,
+        factor,
         factor**2 * found.clean.median(),
         _ends(found, "clean", of_deviation),
         factor**2 * found.value.median(),

@@ -46,15 +46,19 @@ def success(table, study):
     )
 
 
-def shrinking(table, study):
-    """Where the spread gets smaller, by how much, and through which cause; "" where it does not."""
+def shrinking(table, study, with_error=True):
+    """Where the spread gets smaller, by how much, and through which cause; "" where it does not.
+
+    with_error: whether the error is told beside it.
+    """
     kept = study.valued(table)
     shrunk, narrow = kept[kept.shrinks], narrowing(table, study)
     parts = []
     if len(shrunk):
         parts.append(
             f"the spread shrinks in {len(shrunk):,} of {len(kept):,} instances (half the log "
-            f"determinant {words.of_rows(shrunk, 'entropy_difference', 'nats')}{_errors(shrunk)})"
+            f"determinant {words.of_rows(shrunk, 'entropy_difference', 'nats')}"
+            f"{_errors(shrunk) * with_error})"
         )
     for cause in narrow:
         marks = study.present(table, cause)[f"narrows_{cause.name}"]

@@ -9,7 +9,7 @@ import yaml
 from jinja2 import Environment, FileSystemLoader
 from markupsafe import Markup
 
-from icpshap.report import by_estimator, captions, directions, effects, tables
+from icpshap.report import by_estimator, captions, directions, doubts, effects, pose_error, tables
 from icpshap.report.study import Study
 
 TEMPLATE = Path(__file__).with_suffix(".html")
@@ -50,14 +50,14 @@ class Estimators:
     links: list
 
 
-def warnings(section):
-    """Everything that makes the section's numbers doubtful, a line each."""
-    lines = captions.warnings(section.shap, section.study)
-    if section.study.valued(section.shap).n_wrong_basin.max() > 0:
-        lines.append(" ".join(captions.basins(section.shap, section.study)))
-    for row in section.pairs[section.pairs.warning != ""].itertuples():
-        lines.append(f"{section.study.pair(row)}: {row.warning}.")
-    return lines
+def warnings(sections):
+    """Everything that makes the sections' numbers doubtful: `doubts.Group`s, the gravest first."""
+    found = []
+    for section in sections:
+        of_section = doubts.of_table(section.shap, section.study)
+        of_section += doubts.of_pairs(section.pairs, section.study)
+        found += [(section.scope, doubt) for doubt in of_section]
+    return doubts.grouped(found)
 
 
 def page(sections, run, folder, comparison=None, joined=()):
@@ -75,6 +75,8 @@ def page(sections, run, folder, comparison=None, joined=()):
     parts = _parts(joined)
     return environment.get_template(TEMPLATE.name).render(
         findings=_findings(sections, joined),
+        symbols=_symbols(sections),
+        warnings=warnings(sections),
         joined=[_described_estimators(part, folder) for part in joined],
         parts=[section.scope for section in sections if section.study.name in parts],
         sections=[_described(section, folder) for section in sections],
@@ -94,10 +96,12 @@ def summary(sections, page_path, joined=()):
         )
     for section in _alone(sections, joined):
         lines.append(f"Results: results/{section.scope}/ (figures, tables, shap.parquet)")
-    lines += ["", *_findings(sections, joined)]
-    number = sum(len(warnings(section)) for section in sections)
-    if number:
-        lines.append(f"The report opens with {number} warning{'s' * (number > 1)}.")
+    lines += ["", *_findings(sections, joined), *_symbols(sections)]
+    groups = warnings(sections)
+    if groups:
+        several = f"{len(groups)} kinds of warnings, the gravest"
+        kinds = several if len(groups) > 1 else "one kind of warnings"
+        lines.append(f"The report opens with {kinds}: {groups[0].title}.")
     return "\n".join(lines) + "\n"
 
 
@@ -113,9 +117,29 @@ def _alone(sections, joined):
 
 def _findings(sections, joined):
     """The main findings, a sentence each; of several estimators one of all together."""
-    together = [by_estimator.finding(part.table, part.study) for part in joined]
-    alone = _alone(sections, joined)
-    return together + [captions.finding(section.shap, section.study) for section in alone]
+    together = [
+        by_estimator.finding(part.table, part.study, _errors(part, sections)) for part in joined
+    ]
+    return together + [_finding(section) for section in _alone(sections, joined)]
+
+
+def _symbols(sections):
+    """What the symbols of the findings are, each once."""
+    return list(dict.fromkeys(text for part in sections for text in captions.symbols(part.study)))
+
+
+def _finding(section):
+    return captions.finding(section.shap, section.directions, section.study)
+
+
+def _errors(part, sections):
+    """Of each estimator of a part its name, and what `pose_error.before_and_after` returns."""
+    scopes = {part.scope.replace(part.study.name, name, 1) for name in part.parts}
+    return [
+        (section.study.estimator, *pose_error.before_and_after(section.directions, section.study))
+        for section in sections
+        if section.scope in scopes
+    ]
 
 
 def _described_estimators(part, folder):
@@ -134,25 +158,39 @@ def _described(section, folder):
     study = section.study
     anchor = section.scope.replace("/", "-")
     ranked = section.ranking is not None
-    shared = [*captions.method(section.shap, study), *captions.significance(section.shap, study)]
-    method = " ".join([*shared, *captions.noise_floor(section.shap, study)])
-    said = [method, " ".join(shared), *warnings(section)]
+    method = [
+        *captions.method(section.shap, study),
+        *captions.significance(section.shap, study),
+        *captions.noise_floor(section.shap, study),
+        *effects.shares(section.shap, study),
+        *captions.no_wrong_basin(section.shap, study),
+    ]
     return {
         "title": section.scope,
         "anchor": anchor,
-        "finding": captions.finding(section.shap, study),
-        "warnings": warnings(section),
+        "finding": _finding(section),
         "returned": captions.returned(study),
-        "method": method,
+        "method": " ".join(method),
         "causes": Markup(effects.table_of_causes(section.shap, study)),
         "causes_note": effects.note_of_causes(section.shap, study),
         "directions": directions.sentences(section.directions, study),
         "directions_of": directions.opening(section.directions, study),
         "table": Markup(tables.html(section.ranking, study)) if ranked else "",
         "table_note": tables.note(section.ranking, study) if ranked else "",
-        "figures": [_figure(path, anchor, folder, said) for path in section.figures],
+        "figures": [_figure(path, anchor, folder, _said(section)) for path in section.figures],
         "links": [_relative(link, folder) for link in section.links],
     }
+
+
+def _said(section):
+    """What captions say and the page says elsewhere: of all instances, of that shown alone."""
+    study, said = section.study, []
+    alone = [study.instance(section.shap, study.waterfall)] if study.waterfall else []
+    for table in (section.shap, *alone):
+        said += [*captions.of_all(table, study), *captions.noise_floor(table, study)]
+    # The longest first, so that none that holds another is torn.
+    said += directions.sentences(section.directions, study)
+    return sorted(said, key=len, reverse=True)
 
 
 def _figure(path, anchor, folder, said):

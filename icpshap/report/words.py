@@ -39,8 +39,8 @@ def level(cause, value):
 
 
 def describe_values(values, causes):
-    """One perturbation in symbols, as in 'σ = 0.05 m, s = 1.5, λ = 0.05'; causes: classes."""
-    return ", ".join(level(cause, values[cause.name]) for cause in causes)
+    """One perturbation in words, as in 'sensor noise σ = 0.05 m, partial overlap λ = 0.05'."""
+    return ", ".join(f"{cause.title} {level(cause, values[cause.name])}" for cause in causes)
 
 
 def titles(names):

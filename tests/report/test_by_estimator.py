@@ -11,7 +11,7 @@ from known_results import (
     OF_NUMBER,
     PAIRS,
     SEVEN,
-    THREE,
+    directions_table,
     fixed_of,
     of_covariances,
     shap_table,
@@ -21,7 +21,6 @@ from known_results import (
 from matplotlib.collections import LineCollection
 
 from icpshap import estimators as kinds
-from icpshap import tables
 from icpshap.estimators.closed_form import ClosedForm
 from icpshap.estimators.kind import Kind
 from icpshap.jobs import provenance as record
@@ -281,7 +280,8 @@ def test_caption_says_what_each_was_told_made_of_and_why_it_has_no_interval():
     table, study = joined()
     text = by_estimator.caption(table, study)
     for said in (
-        "Shapley values of the causes and f, a row for each estimator, Apartment 6–7 at σ = 0.05 m",
+        "Shapley values of the causes and f, a row for each estimator, Apartment 6–7 at "
+        "sensor noise σ = 0.05 m",
         "told: 1 cm and σ (told); 5 cm always (brossard); the others none.",
         "over runs (paper and robust); noise draws (told)",
         "nothing varies (brossard and blind).",
@@ -301,6 +301,19 @@ def test_finding_names_the_largest_cause_and_the_blind():
     assert "of 4 estimators" in text and "f is below 0.01 nats for blind." in text
 
 
+def test_the_pose_error_of_each_estimator_is_told_first():
+    errors = [
+        ("paper", "0.7 cm, 0.06 deg to 18 cm, 2.5 deg", True),
+        ("told", "1 cm, 1 deg to 2 cm, 2 deg", False),
+        ("blind", "", False),
+    ]
+    assert by_estimator.finding(*joined(), errors).startswith(
+        "several (Apartment 6–7): pose error (root mean square) clean to all causes 0.7 cm, 0.06 "
+        "deg to 18 cm, 2.5 deg (paper); standard deviation of covariances, where no samples tell "
+        "the error, clean to all causes 1 cm, 1 deg to 2 cm, 2 deg (told): the largest φ is that of"
+    )
+
+
 def test_page_and_summary_tell_them_together(tmp_path):
     table, study = joined(names=("paper", "told"))
     parts = [part(name, shap_table(FIXED), **OPTIONS[name]) for name in ("paper", "told")]
@@ -309,7 +322,7 @@ def test_page_and_summary_tell_them_together(tmp_path):
             found.study.name,
             found.study,
             found.shap,
-            tables.empty("directions", THREE),
+            directions_table(),
             pairs_of(found.shap).assign(warning=""),
             None,
             [],
@@ -326,10 +339,11 @@ def test_page_and_summary_tell_them_together(tmp_path):
     run = record.provenance({"run": []}, {}, tmp_path, tmp_path)
     text = page.page(sections, run, tmp_path, joined=together)
     top = text[: text.index('id="warnings"')]
+    assert "clean to all causes" in top and "(paper); " in top  # the errors of its estimators
     assert top.count('class="finding"') == 2  # of all estimators together, and of the other one
     assert 'id="several-by_estimator"' in text and "<td>told</td>" in text.replace(" ", "")
     assert all(f'id="{name}"' in text for name in names)
     summary = page.summary(sections, "results/report.html", together)
     assert "results/several/ (figures/by_estimator.png, tables/by_estimator.md)" in summary
     assert "results/several_paper/" not in summary and "results/alone/" in summary
-    assert by_estimator.finding(table, study) in summary
+    assert by_estimator.finding(table, study).split(": ", 1)[1] in summary

@@ -17,12 +17,17 @@ from known_results import (
     without_value,
 )
 
-from icpshap import estimators
-from icpshap.report import captions, effects
+from icpshap import estimators, tables
+from icpshap.report import captions, doubts, effects
 
 DRAWS = "one draw of the sensor noise and of the removed points"
 ABOUT_INTERVALS = ("significant", "distinguished", "told from zero", "95 %", "interval")
 ABOUT_RUNS = ("ICP run", " run ", "runs", "basin")
+
+
+def finding(table, study):
+    """What is found of f alone, without the pose error."""
+    return captions.finding(table, tables.empty("directions", study.causes), study)
 
 
 def on(table, name):
@@ -65,8 +70,8 @@ def test_a_sector_of_one_draw_is_one_azimuth(grid):
 def test_the_level_of_a_scanner_is_a_factor(grid):
     study = study_of(THREE, variants={"sensor_noise": {"sensor": "hokuyo_utm_30lx"}})
     row = grid[grid.sensor_noise == 0.1].iloc[:1]
-    assert "at σ/σ₀ = 0.1." in captions.caption("waterfall", row, study)
-    assert "at σ = 0.1 m." in captions.caption("waterfall", row, study_of(THREE))
+    assert "at sensor noise σ/σ₀ = 0.1." in captions.caption("waterfall", row, study)
+    assert "at sensor noise σ = 0.1 m." in captions.caption("waterfall", row, study_of(THREE))
 
 
 def test_caption_counts_negative_values(grid):
@@ -87,32 +92,10 @@ def test_a_value_without_interval_is_not_counted(grid):
     assert f"of {number} Shapley" in before and f"of {number - 1} Shapley" in after
 
 
-def test_caption_gives_values_with_and_without_wrong_basins(grid):
-    grid["n_wrong_basin"] = 3
-    first, second = captions.basins(grid, STUDY)
-    assert "3 of 100 in the median, at most 3; kept." in first
-    both = on(grid, "sensor_noise").phi_sensor_noise.median() + 0.25
-    assert f"sensor noise {both:.2f} and {both:.2f}" in second
-
-
-def test_warning_comes_with_the_sensitivity_to_the_floor(grid):
-    grid["warning"] = "the floor makes up 90% of the clean variance in one direction"
-    lines = captions.warnings(grid, STUDY)
-    assert f"Apartment 6–7 ({len(grid)} instances): the floor makes up 90%" in lines[0]
-    assert "sensor noise 0.25 and 0.25" in lines[1]
-
-
-def test_a_pair_whose_clean_samples_differ_is_a_warning(grid):
-    assert captions.warnings(grid, STUDY) == []
-    (line,) = captions.warnings(grid.assign(f_again=364.68), STUDY)
-    assert line.startswith("In 1 of 1 pairs two clean samples differ by more than the noise floor")
-    assert "f = 364.68 nats at most" in line and line.endswith("need not come from any cause.")
-
-
 def test_noise_floor_sentence(grid):
     (sentence,) = captions.noise_floor(grid, STUDY)
     assert "mean 0.23 and the 95 % quantile 0.37" in sentence
-    assert "it is 0.30 (A/A)" in sentence
+    assert "between two clean samples of this pair it is 0.30 (A/A value)" in sentence
     assert captions.noise_floor(grid.assign(null_mean=np.nan), STUDY) == []
 
 
@@ -133,36 +116,37 @@ def with_phi(table, name, value, clear):
 def test_finding_names_the_largest_cause(fixed):
     for name, value in zip(THREE, (1.0, 5.0, 2.0), strict=True):
         fixed = with_phi(fixed, name, value, clear=True)
-    text = captions.finding(fixed, STUDY)
-    assert "initial pose scale contributes most to the uncertainty, φ = 5.00 nats" in text
+    text = finding(fixed, STUDY)
+    most = "contributes most to the uncertainty, its share of f φ = 5.00 nats in the median"
+    assert f"initial pose scale {most}" in text
     assert "an_experiment (3 pairs of Apartment, ETH)" in text
     unclear = with_phi(fixed, "initial_pose", 5.0, clear=False)
-    assert "partial overlap contributes most" in captions.finding(unclear, STUDY)
+    assert "partial overlap contributes most" in finding(unclear, STUDY)
     for name in THREE:
         unclear = with_phi(unclear, name, 1.0, clear=False)
-    assert "no cause can be told from zero in most instances" in captions.finding(unclear, STUDY)
+    assert "no cause can be told from zero in most instances" in finding(unclear, STUDY)
     nothing = without_value(fixed, fixed.index, "too little overlap")
-    assert ": no pair has a value. Share of runs" in captions.finding(nothing, STUDY)
+    assert ": no pair has a value. Share of runs" in finding(nothing, STUDY)
 
 
 @pytest.mark.parametrize("number", OF_NUMBER)
 def test_sentences_name_every_cause_that_is_on_and_no_other(number):
     study = study_of(OF_NUMBER[number])
     table = fixed_of(study.causes)
-    told = captions.finding(table, study) + captions.caption("summary", table, study)
+    told = finding(table, study) + captions.caption("summary", table, study)
     for cause in study.players:
         assert cause.title in told and f"{cause.symbol} = " in told
     if number > 1:
         never = study.players[-1]
         table = table.assign(**{never.name: never.off})
-        told = captions.finding(table, study) + captions.caption("summary", table, study)
+        told = finding(table, study) + captions.caption("summary", table, study)
         assert never.title not in told and f"{never.symbol} = " not in told
 
 
 def test_nothing_on_is_said():
     table = fixed_of(THREE[:1]).assign(sensor_noise=0.0)
     study = study_of(THREE[:1])
-    assert captions.finding(table, study).endswith("nothing was perturbed.")
+    assert finding(table, study).endswith("nothing was perturbed.")
     assert captions.caption("summary", table, study).startswith("Nothing was perturbed.")
 
 
@@ -173,8 +157,8 @@ def everything_said(table, study):
     instance = study.instance(table, study.waterfall)
     texts = [captions.caption(name, table, study) for name in ("summary", "interactions", "pairs")]
     texts += [captions.caption(name, table, study) for name in study.dependence_figures]
-    texts += [captions.caption("waterfall", instance, study), captions.finding(table, study)]
-    return " ".join([*texts, *captions.warnings(table, study)])
+    texts += [captions.caption("waterfall", instance, study), finding(table, study)]
+    return " ".join([*texts, *doubts.warnings(table, study)])
 
 
 def test_a_covariance_is_neither_a_run_nor_random(grid):
@@ -218,7 +202,7 @@ def test_samples_that_depend_on_one_another_are_no_runs(grid):
     table = without_intervals(grid, reason).assign(null_mean=np.nan, null_95=np.nan, f_again=np.nan)
     text = everything_said(table.assign(n_wrong_basin=3), study)
     assert "100 samples a setting" in text and f"No intervals: {reason}." in text
-    assert "Samples that end in a wrong basin" in text and "without such samples" in text
+    assert "Samples in a wrong basin" in text and "without such samples" in text
     for word in ("run", "Run", "Noise floor", *ABOUT_INTERVALS[:3]):
         assert word not in text, word
 
@@ -253,7 +237,7 @@ def test_what_shrinks_is_said_first_and_is_no_source_of_uncertainty(grid):
         clean_translation_rmse=0.175,
         translation_rmse=0.052,
     )
-    text = captions.finding(narrow, STUDY)
+    text = finding(narrow, STUDY)
     first, rest = text.split(": ", 1)[1].split("; ", 1)
     assert first.startswith("the spread shrinks in 18 of 18 instances (half the log determinant")
     assert "translation RMSE from 18 to 5.2 cm" in first
@@ -271,12 +255,12 @@ def test_what_narrows_in_some_instances_is_not_called_a_source_of_uncertainty():
         "phi_sensor_noise_high": 99.0,
     }
     first = table.index == table.index[0]
-    text = captions.finding(table.assign(**columns, narrows_sensor_noise=first), STUDY)
+    text = finding(table.assign(**columns, narrows_sensor_noise=first), STUDY)
     of = f"1 of {len(table)}"
     assert (
         f"sensor noise narrows it in {of} instances and is no source of uncertainty there" in text
     )
-    assert "sensor noise changes the spread most, φ = 89.00 nats" in text
+    assert "sensor noise changes the spread most, its share of f φ = 89.00 nats" in text
     assert "contributes" not in text
 
 
@@ -287,7 +271,7 @@ def test_a_removal_that_cannot_be_told_from_zero_says_so():
         for column, value in ((f"phi_{name}", phi), (f"removal_{name}", removal)):
             ends = {"": value, "_low": value - 0.5 - wide, "_high": value + 0.5 + wide}
             table = table.assign(**{f"{column}{end}": number for end, number in ends.items()})
-    text = captions.finding(table, STUDY)
+    text = finding(table, STUDY)
     assert "sensor noise contributes most" in text
     assert (
         "but removing initial pose scale lowers f most, by 7.00 nats in the median (cannot be told "
@@ -298,14 +282,14 @@ def test_a_removal_that_cannot_be_told_from_zero_says_so():
 def test_shares_of_wrong_basins_are_told_where_f_is_not_known():
     table = without_value(fixed_of(THREE), fixed_of(THREE).index, "too few runs")
     table = table.assign(wrong_basin_share=0.45, wrong_basin_initial_pose=0.225)
-    text = captions.finding(table, STUDY)
+    text = finding(table, STUDY)
     assert "no pair has a value. Share of runs that failed or ended in a wrong basin" in text
     assert "45.00 % in the median with all causes on" in text
     assert "22.50 % in the median" in effects.table_of_causes(table, STUDY, "pipe")
 
 
 def test_a_setting_without_a_basin_is_said_first(grid):
-    text = captions.finding(grid.assign(no_basin=grid.sensor_noise > 0), STUDY)
+    text = finding(grid.assign(no_basin=grid.sensor_noise > 0), STUDY)
     assert text.split(": ", 1)[1].startswith("in 12 of 18 instances fewer than half of the runs")
 
 
@@ -314,11 +298,12 @@ def test_phi_and_removal_are_both_said_where_their_first_ranks_differ():
     for name, phi, removal in zip(THREE, (9.0, 1.0, 2.0), (1.0, 2.0, 4.0), strict=True):
         table = table.assign(**{f"phi_{name}": phi, f"removal_{name}": removal})
         table = table.assign(**{f"phi_{name}_low": 0.5, f"phi_{name}_high": 10.0})
-    text = captions.finding(table, STUDY)
-    assert "sensor noise contributes most to the uncertainty, φ = 9.00 nats" in text
+    text = finding(table, STUDY)
+    most = "contributes most to the uncertainty, its share of f φ = 9.00 nats"
+    assert f"sensor noise {most}" in text
     assert "removing partial overlap lowers f most, by 4.00 nats in the median" in text
     assert "removing sensor noise by 1.00 nats" in text
-    same = captions.finding(table.assign(removal_sensor_noise=9.0), STUDY)
+    same = finding(table.assign(removal_sensor_noise=9.0), STUDY)
     assert "removing" not in same
 
 
@@ -352,7 +337,19 @@ def test_of_a_registration_that_is_not_ours_success_is_told_first(grid):
     study = replace(STUDY, kind="callable", estimator="small_gicp", options=options)
     told = "small_gicp ends within 0.1 m and 2 degrees of the true pose in 100 % of its runs clean "
     told += "and 97 % with all causes on, in the median"
-    assert captions.finding(grid, study).split(": ", 1)[1].startswith(told)
+    assert finding(grid, study).split(": ", 1)[1].startswith(told)
     nothing = without_value(grid, grid.index, "")
-    assert told in captions.finding(nothing, study)
-    assert "ends within" not in captions.finding(grid, STUDY)
+    assert told in finding(nothing, study)
+    assert "ends within" not in finding(grid, STUDY)
+
+
+def test_symbols_are_explained_in_captions(grid):
+    (told,) = captions.symbols(STUDY)
+    assert told == (
+        "f = KL(clean, perturbed) [nats] (a nat is 1.44 bits) says how far the spread of the "
+        "results is from that of the clean pair, 0 where it is equal; φ, the Shapley value of a "
+        "cause, is its share of f."
+    )
+    assert told in captions.caption("summary", grid, STUDY)
+    (told,) = captions.symbols(replace(STUDY, divergence="wrong_basin_share"))
+    assert "[of 1] is how often a run fails" in told

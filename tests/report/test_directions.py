@@ -91,7 +91,9 @@ def test_sentences_of_one_instance_have_intervals_and_the_vector(table):
 
 
 def test_it_is_said_of_what_the_numbers_are(table):
-    assert directions.opening(table, ONE).endswith("at σ = 0.05 m, s = 1.5, λ = 0.05:")
+    assert directions.opening(table, ONE).endswith(
+        "at sensor noise σ = 0.05 m, initial pose scale s = 1.5, partial overlap λ = 0.05:"
+    )
     off = table.assign(instance=1, sensor_noise=0.0)
     for column in [c for c in table if c.startswith("phi_sensor_noise")]:
         off[column] = 0.0

@@ -138,8 +138,9 @@ def test_summary_says_where_results_are_and_what_was_found(results):
     assert "Report: results/report.html" in text
     assert "results/grid/" in text and "results/fixed/" in text
     for section in results.sections:
-        assert captions.finding(section.shap, section.study) in text
-    assert re.search(r"opens with \d+ warnings", text)
+        assert captions.finding(section.shap, section.directions, section.study) in text
+    assert text.count(captions.symbols(STUDY)[0]) == 1
+    assert "opens with 3 kinds of warnings, the gravest: Pairs that were not registered." in text
     assert len(text.splitlines()) < 24
 
 

@@ -74,7 +74,7 @@ def test_nothing_is_removed_where_no_such_cause_is_on():
     shown = scene.make_scene(PAIR, EVERY_REFERENCE_POINT, everything, runs, values, METHOD, LENGTH)
     assert not any(name.startswith("removed") for name in scene.clouds(shown))
     text = scene.caption(shown, study_of(THREE), pair_row())
-    assert "remove" not in text and "results at σ = 0.1 m, with" in text
+    assert "remove" not in text and "results at sensor noise σ = 0.1 m, with" in text
     scene.picture(shown)
 
 
@@ -88,7 +88,8 @@ def test_picture_shows_every_run_and_marks_wrong_basins(shown):
     assert re.fullmatch(r"translation [xyz] \[cm\]", overview.get_xlabel())
     text = scene.caption(shown, STUDY, pair_row())
     assert "4 clean, 4 perturbed" in text and "Pose errors of 60 runs" in text
-    assert "results at σ = 0.1 m, s = 1.5, λ = 0.05, with ellipses" in text
+    levels = "sensor noise σ = 0.1 m, initial pose scale s = 1.5, partial overlap λ = 0.05"
+    assert f"results at {levels}, with ellipses" in text
 
 
 def test_the_second_clean_sample_and_replicates_are_not_shown():

@@ -97,5 +97,6 @@ def test_words():
     assert words.listed(["a"]) == "a" and words.listed("abc") == "a, b and c"
     assert words.titles(["partial_overlap", "sensor_noise"]) == ["partial overlap", "sensor noise"]
     values = {"sensor_noise": 0.05, "initial_pose": 1.5, "partial_overlap": 0.05}
-    assert words.describe_values(values, STUDY.players) == "σ = 0.05 m, s = 1.5, λ = 0.05"
+    said = "sensor noise σ = 0.05 m, initial pose scale s = 1.5, partial overlap λ = 0.05"
+    assert words.describe_values(values, STUDY.players) == said
     assert not words.is_huge([]) and not words.is_huge([np.nan]) and words.is_huge([-2e3, np.nan])
