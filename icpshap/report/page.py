@@ -55,8 +55,10 @@ def warnings(section):
     lines = captions.warnings(section.shap, section.study)
     if section.study.valued(section.shap).n_wrong_basin.max() > 0:
         lines.append(" ".join(captions.basins(section.shap, section.study)))
-    for row in section.pairs[section.pairs.warning != ""].itertuples():
-        lines.append(f"{section.study.pair(row)}: {row.warning}.")
+    doubtful = section.pairs[section.pairs.warning != ""]
+    for warning, rows in doubtful.groupby("warning", sort=False):
+        names = [section.study.pair(row) for row in rows.itertuples()]
+        lines.append(f"{', '.join(names)}: {warning}.")
     return lines
 
 
