@@ -59,6 +59,9 @@ EDITS = {
     ("data", SEQUENCE, "time"): ("stamp", {"scan"}),
     ("data", SEQUENCE, "folder", "path"): ("others", {"scan", "poses"}),
     ("data", SEQUENCE, "folder", "poses"): ("poses_2.txt", {"poses"}),
+    ("data", SEQUENCE, "folder", "files"): (["s1.csv", "s0.csv", "s2.csv"], {"scan"}),
+    ("data", SEQUENCE, "folder", "columns"): (["y", "x", "z"], {"scan", "poses"}),
+    ("data", SEQUENCE, "folder", "quaternion"): ("wxyz", {"poses"}),
     ("data", ROOM, "simulated", "scene"): ("plain", {"simulated"}),
     ("data", ROOM, "simulated", "beams"): (4000, {"simulated"}),
     ("experiments", EXPERIMENT, "estimator"): ("robust", {"job"}),
@@ -83,6 +86,7 @@ EDITS = {
 # Keys that the campaign's configuration cannot change alone.
 ELSEWHERE = {
     ("data", "archive"): "no archive is fetched",
+    ("data", "guess"): "it goes with `poses: register`",
     ("estimators", "kind"): "there is one kind",
     ("estimators", "sensor_sigma"): "by draws it needs ten of them",
     ("experiments", "estimators"): "it makes other experiments",
