@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from icpshap import options, presets
 from icpshap.causes import CAUSES, named
+from icpshap.data.layout import ORDERS
 from icpshap.estimators import KINDS
 from icpshap.estimators.perturb import Perturbation
 from icpshap.options import REQUIRED, option
@@ -51,7 +52,39 @@ class Folder:
     """Keys of `folder`."""
 
     path: str = option(REQUIRED, "The folder")
-    poses: str = option(None, "The pose file in it; found by name when absent")
+    poses: str = option(
+        None,
+        "The pose file in it, found by name when absent; or register: ICP registers consecutive "
+        "scans, and its answers are taken as the truth",
+    )
+    files: list = option(
+        None,
+        "The scan files in it, in their order; found by name when absent",
+        schema={**NAMES, "minItems": 2},
+    )
+    columns: list = option(
+        None,
+        "What the columns of scan files are that do not say so, among them x, y and z; absent: x, "
+        "y and z come first. For nuScenes [x, y, z, intensity, ring]",
+        schema={**NAMES, "minItems": 3, "maxItems": 1000},
+    )
+    quaternion: str = option(
+        None,
+        "Order of the quaternions in a TUM file; absent: xyzw, or what the file or the scans say",
+        choices=ORDERS,
+    )
+    guess: str = option(
+        None,
+        "With poses: register, where ICP starts: T_reference_source of two consecutive scans as 12 "
+        "or 16 numbers, row by row; or a file in the folder with one, or one for each two scans. "
+        "Absent: no motion",
+        schema={
+            "oneOf": [
+                {"type": "string", "minLength": 1},
+                {"type": "array", "items": {"type": "number"}, "minItems": 12, "maxItems": 16},
+            ]
+        },
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +136,7 @@ class Sequence:
     title: str = option(None, "Name in tables and figures; the key when absent", schema=TITLE)
     scans: int = option(
         REQUIRED,
-        "Number of scans, numbered from 0. A pose file with another number of poses is an error",
+        "Number of scans, numbered from 0. A pose file without a pose for each is an error",
         minimum=2,
         maximum=1_000_000,
     )

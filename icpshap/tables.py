@@ -237,6 +237,16 @@ def _poses(causes):
     ]
 
 
+def _registrations(causes):
+    return [
+        *_INDICES,
+        *_columns(TRANSFORM, "float64", "", "entry of T_reference_source, in m"),
+        Column("iterations", "int32", "", "iterations of ICP, of all its stages"),
+        Column("rmse", "float64", "m", "root mean square of the kept links"),
+        Column("overlap", "float64", "", "share of source points near the reference"),
+    ]
+
+
 def _overlap(causes):
     return [Column("overlapping", "bool", "", "a reference point is near this source point")]
 
@@ -505,6 +515,7 @@ TABLES = {
     "scan": _scan,
     "timed_scan": _timed_scan,
     "poses": _poses,
+    "registrations": _registrations,
     "overlap": _overlap,
     "pairs": _pairs,
     "runs": _runs,

@@ -183,6 +183,36 @@ MISTAKES = [
     ("data.eth.folder", {"path": "x"}, "data.eth: expected exactly one of archive, folder, simu"),
     ("data.eth.archive", None, "data.eth: expected exactly one of archive, folder, simulated, fo"),
     ("data.eth.archive", {"bytes": 3}, "data.eth.archive: expected url, or path for a ZIP on disk"),
+    *(
+        ("data.own", {"scans": 3, **block}, f"data.own.folder.{said}")
+        for block, said in (
+            (
+                {"folder": {"path": "x", "columns": ["x", "y", "r"]}},
+                "columns: no z among x, y, r, expected x, y and z",
+            ),
+            (
+                {"folder": {"path": "x", "columns": ["x", "y", "z"]}, "time": "t"},
+                "columns: no t, which is the `time` of the sequence",
+            ),
+            (
+                {"folder": {"path": "x", "files": ["a.ply", "b.ply"]}},
+                "files: 2 files, expected as many as `scans: 3`",
+            ),
+            (
+                {"folder": {"path": "x", "guess": "guess.txt"}},
+                "guess: expected with `poses: register` alone",
+            ),
+            (
+                {"folder": {"path": "x", "poses": "register", "guess": [0] * 13}},
+                "guess: 13 numbers, expected 12 or 16",
+            ),
+            (
+                {"folder": {"path": "x", "poses": "register", "quaternion": "wxyz"}},
+                "quaternion: expected with a pose file alone",
+            ),
+            ({"folder": {"path": "x", "quaternion": "xywz"}}, "quaternion: unknown name 'xywz'"),
+        )
+    ),
     ("data.eth.archive.url", "ftp://x", "data.eth.archive.url: 'ftp://x' does not match"),
     ("data.Eth", {"scans": 3}, "'Eth' does not match"),
     ("estimators.paper.metric", "point_to_plan", "did you mean 'point_to_plane'?"),

@@ -59,6 +59,9 @@ EDITS = {
     ("data", SEQUENCE, "time"): ("stamp", {"scan"}),
     ("data", SEQUENCE, "folder", "path"): ("others", {"scan", "poses"}),
     ("data", SEQUENCE, "folder", "poses"): ("poses_2.txt", {"poses"}),
+    ("data", SEQUENCE, "folder", "files"): (["s1.csv", "s0.csv", "s2.csv"], {"scan"}),
+    ("data", SEQUENCE, "folder", "columns"): (["y", "x", "z"], {"scan", "poses"}),
+    ("data", SEQUENCE, "folder", "quaternion"): ("wxyz", {"poses"}),
     ("data", ROOM, "simulated", "scene"): ("plain", {"simulated"}),
     ("data", ROOM, "simulated", "beams"): (4000, {"simulated"}),
     ("data", ROOM, "simulated", "rings"): (16, {"simulated"}),
@@ -86,6 +89,7 @@ EDITS = {
 ELSEWHERE = {
     ("data", "archive"): "no archive is fetched",
     ("data", "speed"): "the tilting laser has none",
+    ("data", "guess"): "it goes with `poses: register`",
     ("estimators", "kind"): "there is one kind",
     ("estimators", "sensor_sigma"): "by draws it needs ten of them",
     ("experiments", "estimators"): "it makes other experiments",

@@ -7,6 +7,7 @@ RESOURCE = "resources/{sequence}/{part}.parquet"
 ARCHIVE_CACHE = "resources/{sequence}/archive"
 SCAN = RESOURCE.replace("{part}", "scan_{index}")
 POSES = RESOURCE.replace("{part}", "poses")
+REGISTRATION = "resources/{sequence}/registered/{reference}-{source}.parquet"
 OVERLAP = "resources/{sequence}/overlap/{reference}-{source}.parquet"
 
 PAIR = "results/{experiment}/{sequence}/pairs/{reference}-{source}.parquet"

@@ -8,7 +8,7 @@ from dataclasses import asdict
 
 from icpshap import config as configuration, options, storage
 from icpshap.data import citation
-from icpshap.data.folder import find_folder_files
+from icpshap.data.folder import find_files
 from icpshap.errors import DataError, UserError
 from icpshap.jobs import digests, parents, paths, progress, start
 from icpshap.jobs.plans import Plans, is_settled
@@ -48,9 +48,7 @@ for key in CONFIG.sequences:
     sequence = CONFIG.data[key]
     if sequence.kind == "folder":
         try:
-            FOLDER_FILES[key] = find_folder_files(
-                sequence.folder["path"], sequence.scans, sequence.folder.get("poses")
-            )
+            FOLDER_FILES[key] = find_files(sequence.folder, sequence.scans)
         except DataError as error:
             raise WorkflowError(f"data.{key}: {error}") from None
 
@@ -74,6 +72,16 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 def keys_of_kind(kind):
     """Regular expression of the sequences that are an archive, a folder or simulated."""
     keys = [key for key, sequence in CONFIG.data.items() if sequence.kind == kind]
+    return "|".join(keys) or "(?!)"
+
+
+def keys_of_folders(registers):
+    """Regular expression of the folders of which ICP makes the poses, or of the others."""
+    keys = [
+        key
+        for key, sequence in CONFIG.data.items()
+        if sequence.kind == "folder" and sequence.registers == registers
+    ]
     return "|".join(keys) or "(?!)"
 
 
@@ -219,6 +227,24 @@ def of_old(files, path, plan):
     they `ancient`, since what depends on ancient files alone is not looked at any further.
     """
     return [ancient(file) for file in files] if is_settled(path, plan) else files
+
+
+def scan_names(wildcards):
+    """Paths of the scans of a folder below it, which may say which poses are theirs."""
+    folder = sequence_of(wildcards).folder["path"]
+    scans, _ = FOLDER_FILES[wildcards.sequence]
+    return [os.path.relpath(path, folder) for path in scans]
+
+
+def memory_of_poses(wildcards):
+    """Resource mem_mb of reading poses, which may ask two scans where quaternions have qw."""
+    return 500 + round(20 * max(map(os.path.getsize, FOLDER_FILES[wildcards.sequence][0])) / 1e6)
+
+
+def registrations_of(wildcards):
+    """The registrations of the consecutive scans of a sequence."""
+    scans = sequence_of(wildcards).scans
+    return [of_pair(paths.REGISTRATION, wildcards, (k, k + 1)) for k in range(scans - 1)]
 
 
 def poses_for(template, plan):
