@@ -18,6 +18,7 @@ from known_results import (
     STUDY,
     WATERFALL,
     directions_table,
+    fit_table,
     fixed_of,
     of_covariances,
     pair_of_scans,
@@ -68,6 +69,7 @@ def results(tmp_path_factory):
                 table,
                 directions_table(),
                 of_pairs.assign(warning=""),
+                fit_table(table),
                 ranked,
                 paths,
                 links,
@@ -153,7 +155,9 @@ def test_page_of_any_causes_says_what_the_estimator_returned(number, kind, tmp_p
     ranked = ranking(ranking_row("eth", causes=study.causes))
     pairs = pairs_of(table).assign(warning="")
     nothing = tables.empty("directions", study.causes)
-    section = report.Section("an_experiment", study, table, nothing, pairs, ranked, [], [])
+    section = report.Section(
+        "an_experiment", study, table, nothing, pairs, fit_table(table), ranked, [], []
+    )
     page = report.page([section], record.provenance({"run": []}, {}, tmp_path, tmp_path), tmp_path)
     assert captions.returned(study) in page
     assert all(cause.title in page for cause in study.players)
