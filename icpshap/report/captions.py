@@ -61,12 +61,14 @@ def _drawn_once(table, study, over):
 
 def symbols(study):
     """What f, its unit and φ are, in sentences."""
+    return [f"f = {meaning(study)}; φ, the Shapley value of a cause, is its share of f."]
+
+
+def meaning(study):
+    """Name and unit of f, and what it says."""
     known = readings.READINGS[study.divergence]
     nats = " (a nat is 1.44 bits)" * (known.unit == "nats")
-    what = f" {known.meaning}" * bool(known.meaning)
-    return [
-        f"f = {reading(study)}{nats}{what}; φ, the Shapley value of a cause, is its share of f."
-    ]
+    return f"{reading(study)}{nats}{f' {known.meaning}' * bool(known.meaning)}"
 
 
 def reading(study):
@@ -287,9 +289,11 @@ def of_directions(table, shap, study):
         "along the weakest direction, and the mean squared error: clean, what each cause adds "
         f"(Shapley values), and with all causes on, {which_pairs(shown, study)} "
         f"{which_instances(shown, study)}{', medians' * (len(shown) > 1)}. Numbers are squares of "
-        "the unit that a row names; in small, the standard deviation or RMSE that remains without "
-        "a cause; the last column is that of the clean setting and with all causes on. Along the "
-        "weakest direction a rotation counts as what it moves at the pair's characteristic length."
+        "the unit that a row names; behind an arrow the standard deviation or root mean square "
+        "error that remains without a cause; the last column is that of the clean setting and with "
+        "all causes on. A ring marks what cannot be told from zero: most 95 % intervals contain 0. "
+        "Along the weakest direction a rotation counts as what it moves at the pair's "
+        "characteristic length."
     )
     told = directions.sentences(table, study)
     return " ".join([opening, *told, *limits(shown, study), *method(shap, study)])
@@ -337,13 +341,10 @@ def which_instances(table, study):
 def _summary(table, study):
     text = (
         f"Shapley values of the causes, {which_pairs(table, study)} "
-        f"{which_instances(table, study)}; a dot is an instance."
+        f"{which_instances(table, study)}; a dot is an instance in which the cause is on."
     )
     if study.interval_over(table):
-        text += (
-            " Counts are of the instances in which a cause is on: how many of its values can be "
-            "distinguished from zero."
-        )
+        text += " Counts say how many of the values can be distinguished from zero (≠ 0)."
     return text + words.axis(study.valued(table)[study.phi(table)])
 
 
@@ -374,9 +375,9 @@ def _dependence(cause, other, table, study):
     marks = bool(study.interval_over(table))
     text = (
         f"Shapley value of {cause.title} over its own value, coloured by {other.title}, "
-        f"{which_pairs(table, study)} {which_instances(table, study)}. Within a level, dots are "
-        f"set side by side by {other.symbol}; the line is their median, "
-        f"{'' if marks else 'and '}the band holds the central 90 %"
+        f"{which_pairs(table, study)} {which_instances(table, study)}. Each level has a lane, in "
+        f"which dots are set side by side by {other.title}; the line is their median, "
+        f"{'' if marks else 'and '}the grey box holds the central 90 %"
     )
     if marks:
         text += (
@@ -410,8 +411,8 @@ def _pairs(table, study):
     if study.interval_over(table):
         text += ", with 95 % intervals; open dots cannot be distinguished from zero"
     return (
-        f"{text}. Coloured lines are medians of a sequence, before any outlier is removed. The "
-        "axes are linear up to 1 and logarithmic beyond."
+        f"{text}. Coloured lines are medians of a sequence, before any outlier is removed."
+        f"{words.AXIS * words.is_spread(table[[*study.phi(table), 'f']])}"
     )
 
 

@@ -163,7 +163,7 @@ def draw(table, titles):
     """A panel for each cause of the paper: the paper's values and those of every estimator."""
     with styled():
         lines = list(dict.fromkeys(zip(table.shown_in, table.sequence, strict=True)))
-        figure = plt.figure(figsize=(PAGE, 0.9 + 0.2 * len(lines)))
+        figure = plt.figure(figsize=(PAGE, 1.1 + 0.26 * len(lines)))
         if len(table) == 0:
             return say_nothing(figure, NOTHING)
         causes = named(TABLE_PERTURBATION)

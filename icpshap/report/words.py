@@ -6,6 +6,8 @@ from icpshap.causes import named
 
 # Values beyond this, which a few runs in a wrong basin can cause, get a logarithmic axis.
 HUGE = 1000
+SPREAD = 20  # times the median, from which a pair hides the others on a linear axis
+AXIS = " The axis is linear up to 1 and logarithmic beyond."
 
 
 def number(value):
@@ -30,7 +32,13 @@ def is_huge(values):
 
 def axis(values):
     """What an axis for such values is like, where it is not plain."""
-    return " The axis is linear up to 1 and logarithmic beyond." * is_huge(values)
+    return AXIS * is_huge(values)
+
+
+def is_spread(table):
+    """Whether a value in a column of a table is so far above the others that it would hide them."""
+    sizes = table.abs()
+    return bool((sizes.max() > SPREAD * np.maximum(sizes.median(), 1.0)).any())
 
 
 def level(cause, value):

@@ -58,9 +58,9 @@ def test_picture_has_a_row_a_direction_and_a_cell_a_cause(table):
     assert len(axes.get_yticks()) == 11
     assert len(axes.patches) == 11 * 5  # clean, three causes, in all
     told = [text.get_text() for text in axes.texts]
-    assert sum(text.endswith(" without") for text in told) == 11 * 3
+    assert sum(text.startswith("→ ") for text in told) == 11 * 3
     remains = directions.deviation(directions.summary(table, ONE)[0].parts[0].remaining)
-    assert f"{remains} cm without" in told
+    assert f"→ {remains}" in told
     assert "Variance along the axes of the reference" in caption
     plt.close(figure)
 

@@ -51,7 +51,7 @@ def drawn(name, table, study=STUDY):
 
 
 @pytest.mark.parametrize("number", OF_NUMBER)
-def test_summary_has_a_dot_for_every_value(number):
+def test_summary_has_a_dot_for_every_value_of_a_cause_that_is_on(number):
     study = study_of(OF_NUMBER[number])
     table = grid_of(study.causes)
     axes = drawn("summary", table, study)[0].axes[0]
@@ -61,7 +61,19 @@ def test_summary_has_a_dot_for_every_value(number):
     for row, label in enumerate(labels):
         cause = next(c for c in study.players if label.split("\n")[0] == c.label())
         x = found[np.abs(found[:, 1] - row) < 0.5, 0]
-        assert np.sort(x) == pytest.approx(np.sort(table[f"phi_{cause.name}"]))
+        on = table[table[cause.name] != cause.off]
+        assert np.sort(x) == pytest.approx(np.sort(on[f"phi_{cause.name}"]))
+
+
+def test_dots_that_lie_together_are_stacked_by_level_within_their_row(grid):
+    grid["phi_sensor_noise"] = np.where(grid.sensor_noise > 0, 3.0, 0.0)
+    axes = drawn("summary", grid)[0].axes[0]
+    (part,) = (c for c in axes.collections if np.allclose(dots_of(c)[:, 0], 3.0))
+    y = np.sort(dots_of(part)[:, 1])
+    assert len(y) == (grid.sensor_noise > 0).sum() and np.ptp(y) < 0.8
+    assert np.diff(y) == pytest.approx(np.full(len(y) - 1, np.diff(y)[0]))
+    on = grid[grid.sensor_noise > 0].sensor_noise.to_numpy()
+    assert (np.diff(on[np.argsort(dots_of(part)[:, 1])]) >= 0).all()
 
 
 def test_summary_counts_what_can_be_told_from_zero(grid):
@@ -113,14 +125,17 @@ def test_noise_floor_and_a_a_value_are_drawn(grid):
     axes = drawn("waterfall", grid)[0].axes[0]
     handles, labels = axes.get_legend_handles_labels()
     marks = dict(zip(labels, handles, strict=True))
-    assert marks["noise floor of f (95 %)"].get_width() == pytest.approx(0.368)
-    assert marks["A/A value, 0.30"].get_xdata()[0] == pytest.approx(0.3)
+    floor = marks["noise floor: f by chance alone (95 %)"]
+    again = marks["A/A value: f between two clean samples, 0.30"]
+    assert floor.get_width() == pytest.approx(0.368)
+    assert again.get_xdata()[0] == pytest.approx(0.3)
 
 
 def test_an_a_a_value_far_above_f_does_not_squash_the_arrows(grid):
     before = drawn("waterfall", grid)[0].axes[0].get_xlim()
     axes = drawn("waterfall", grid.assign(f_again=254888.2))[0].axes[0]
-    assert "A/A value, 2.55e+05 (off the axis)" in axes.get_legend_handles_labels()[1]
+    label = "A/A value: f between two clean samples, 2.55e+05 (off the axis)"
+    assert label in axes.get_legend_handles_labels()[1]
     assert axes.get_xlim() == before
 
 
@@ -143,10 +158,11 @@ def test_dependence_dots_medians_and_open_marks(grid, name):
     assert dots_of(closed)[:, 1] == pytest.approx(phi[significant].to_numpy())
     assert dots_of(opened)[:, 1] == pytest.approx(phi[~significant].to_numpy())
     assert len(opened.get_facecolors()) == 0
-    # A dot stays nearer to its own level than to any other.
+    # A dot lies in the lane of its own level, which its label names.
     levels = np.array(LEVELS[cause.name])
-    nearest = np.abs(dots_of(closed)[:, [0]] - levels).argmin(axis=1)
-    assert levels[nearest] == pytest.approx(grid[cause.name][significant].to_numpy())
+    lanes = np.round(dots_of(closed)[:, 0]).astype(int)
+    assert levels[lanes] == pytest.approx(grid[cause.name][significant].to_numpy())
+    assert [text.get_text() for text in axes.get_xticklabels()] == [f"{x:g}" for x in levels]
     median = next(line for line in axes.lines if line.get_marker() == "_")
     assert median.get_ydata() == pytest.approx(phi.groupby(grid[cause.name]).median().to_numpy())
 
@@ -183,7 +199,7 @@ def test_pairs_are_drawn_in_order_with_medians_and_a_a_values(fixed):
         bars = [line for line in axes.lines if line.get_marker() == "None"]
         medians = [line.get_ydata()[0] for line in bars if line.get_linewidth() == 1.5]
         assert medians == pytest.approx([fixed[name][:2].median(), fixed[name][2]])
-    again = next(line for line in figure.axes[-1].lines if line.get_label() == "A/A value")
+    again = next(line for line in figure.axes[-1].lines if "A/A value" in line.get_label())
     assert again.get_ydata() == pytest.approx([0.3] * 3)
 
 
@@ -250,7 +266,7 @@ def test_a_row_is_as_high_whatever_the_number_of_causes(name):
     heights = {}
     for number, causes in OF_NUMBER.items():
         figure, _ = drawn(name, grid_of(causes), study_of(causes))
-        assert figure.get_figwidth() == style.COLUMN
+        assert figure.get_figwidth() == style.PAGE
         heights[number] = figure.get_figheight()
     steps = [(heights[b] - heights[a]) / (b - a) for a, b in ((1, 2), (2, 3), (3, 5), (5, 7))]
     assert steps == pytest.approx([style.ROW] * 4)
@@ -328,17 +344,17 @@ def test_every_label_has_its_unit(grid, fixed, reading, unit):
             figure, _ = drawn(name, table, study)
             labels = [axes.get_xlabel() for axes in figure.axes]
             labels += [axes.get_ylabel() for axes in figure.axes]
-            labels = [label for label in labels if label and label != "value of the cause"]
+            labels = [label for label in labels if label and not label.startswith("level")]
             assert labels
             for label in labels:
-                assert label in of_causes or label.endswith(f"[{unit}]"), (name, label)
+                of_cause = label.removesuffix(": a lane for each level") in of_causes
+                assert of_cause or f"[{unit}]" in label, (name, label)
 
 
 def test_same_table_same_bytes(grid, fixed, tmp_path):
     for table, names in ((grid, GRID_FIGURES), (fixed, FIXED_FIGURES)):
         for name in names:
             for attempt in "ab":
-                np.random.random(7)  # noqa: NPY002 - shap jitters with this generator
                 figure, _ = figures.draw(name, table, None, STUDY)
                 style.save(figure, tmp_path / f"{attempt}.png", tmp_path / f"{attempt}.svg")
                 plt.close(figure)
@@ -346,14 +362,6 @@ def test_same_table_same_bytes(grid, fixed, tmp_path):
                 first, second = ((tmp_path / f"{x}.{kind}").read_bytes() for x in "ab")
                 assert first == second, (name, kind)
     assert "<dc:date>" not in (tmp_path / "a.svg").read_text()
-
-
-def test_drawing_leaves_the_global_generator_alone(grid):
-    np.random.seed(3)  # noqa: NPY002
-    expected = np.random.random()  # noqa: NPY002
-    np.random.seed(3)  # noqa: NPY002
-    figures.draw("summary", grid, None, STUDY)
-    assert np.random.random() == expected  # noqa: NPY002
 
 
 def test_a_thousand_dots_make_a_light_file(tmp_path):
@@ -394,3 +402,27 @@ def test_a_figure_of_pairs_with_nothing_to_show_says_so(fixed):
 def test_waterfall_of_two_pairs_is_refused(grid):
     with pytest.raises(ValueError, match="shows one instance of one pair, found 2"):
         figures.draw("waterfall", pd.concat([grid, grid]), None, STUDY)
+
+
+# --- as large as the page's text ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", OF_NUMBER)
+def test_type_is_as_large_as_that_of_the_page(number):
+    study = study_of(OF_NUMBER[number])
+    for name, table in every_figure(study, grid_of(study.causes), fixed_of(study.causes)):
+        figure, _ = drawn(name, table, study)
+        assert figure.get_figwidth() == style.PAGE, name
+        texts = labels_of(figure) + [t for leg in figure.legends for t in leg.get_texts()]
+        assert min(text.get_fontsize() for text in texts) >= style.SMALL, name
+        plt.close(figure)
+
+
+def test_few_pairs_have_a_linear_axis_unless_one_hides_the_others(fixed):
+    figure, caption = drawn("pairs", fixed)
+    assert {axes.get_yscale() for axes in figure.axes} == {"linear"}
+    assert "logarithmic" not in caption
+    fixed.loc[1, "f"] = 500.0
+    figure, caption = drawn("pairs", fixed)
+    assert {axes.get_yscale() for axes in figure.axes} == {"symlog"}
+    assert "The axis is linear up to 1 and logarithmic beyond." in caption

@@ -51,8 +51,13 @@ def pair_row(**changes):
 
 def test_scene_removes_what_the_causes_remove(shown):
     parts = scene.clouds(shown)
-    assert list(parts) == ["reference", "source alone", "source overlapping", "removed by λ"]
-    assert len(parts["removed by λ"][0]) == (~KEPT).sum()
+    assert list(parts) == [
+        "reference",
+        "source alone",
+        "source overlapping",
+        "removed by partial overlap",
+    ]
+    assert len(parts["removed by partial overlap"][0]) == (~KEPT).sum()
     number = sum(len(points) for points, _ in parts.values())
     assert number == len(PAIR.reference) + len(PAIR.source)
 
@@ -61,7 +66,7 @@ def test_every_cause_that_removes_points_of_either_scan_is_named():
     values = {name: ALL_LEVELS[name][-1] for name in SEVEN}
     kept_reference = np.arange(len(PAIR.reference)) % 10 > 0
     both = scene.make_scene(PAIR, kept_reference, KEPT, None, values, METHOD, LENGTH)
-    removed, _ = scene.clouds(both)["removed by λ, u"]
+    removed, _ = scene.clouds(both)["removed by partial overlap and under-constrained scene"]
     assert len(removed) == (~kept_reference).sum() + (~KEPT).sum()
     text = scene.caption(both, study_of(SEVEN), pair_row())
     assert "partial overlap λ = 0.05 and under-constrained scene u = 0.9 remove." in text

@@ -12,13 +12,23 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import FuncFormatter
 
 from icpshap.report import captions, words
-from icpshap.report.figures.style import COLUMN, INK, MUTED, PAGE, ROW, power_of_ten, say_nothing
+from icpshap.report.figures.style import (
+    INK,
+    MUTED,
+    PAGE,
+    ROW,
+    SMALL,
+    TEXT,
+    power_of_ten,
+    say_nothing,
+)
 from icpshap.report.study import contains_zero, judged
 
-MOST_IN_A_COLUMN = 3  # causes whose cells leave room for their numbers in one column
+MANY = 6  # causes, from which there is less room for each
+LETTERS_OF_ALL = 66  # below the columns, if these leave room for the causes' names and the scale
 COLOURS = matplotlib.colormaps["RdBu_r"]
 PLAIN = "#F2F2F2"
-RING = {"marker": "o", "markersize": 3.2, "markerfacecolor": "none", "markeredgewidth": 0.7}
+RING = {"marker": "o", "markersize": 5, "markerfacecolor": "none", "markeredgewidth": 1}
 
 
 class Cell(NamedTuple):
@@ -37,8 +47,8 @@ def interactions(table, study):
     have no colour of the scale.
     """
     shown = study.shown(table)
-    rows, width = max(1, len(shown)), COLUMN if len(shown) <= MOST_IN_A_COLUMN else PAGE
-    figure = plt.figure(figsize=(width, 0.75 + ROW * rows))
+    rows = max(1, len(shown))
+    figure = plt.figure(figsize=(PAGE, 1.3 + ROW * rows))
     if len(study.valued(table)) == 0:
         return say_nothing(figure, "No instance has a value.")
     if not shown:
@@ -91,9 +101,10 @@ def _draw(axes, cell, norm, shown):
     )
     text = words.number(cell.median).replace("-", "−") if np.isfinite(cell.median) else "–"
     centre = cell.column + 0.5, cell.row + 0.5
-    axes.text(*centre, text, ha="center", va="center", color=ink, fontsize=6.5)
+    size = TEXT if len(shown) < MANY else SMALL
+    axes.text(*centre, text, ha="center", va="center", color=ink, fontsize=size)
     if cell.unsure:
-        axes.plot(cell.column + 0.9, cell.row + 0.2, color=ink, **RING)
+        axes.plot(cell.column + 0.91, cell.row + 0.22, color=ink, **RING)
 
 
 def readable(colour):
@@ -123,8 +134,13 @@ def _name_causes(axes, shown):
     middles = np.arange(len(shown)) + 0.5
     axes.set_xlim(0, len(shown))
     axes.set_ylim(len(shown), 0)
-    axes.set_xticks(middles, [cause.symbol for cause in shown])
-    axes.set_yticks(middles, [f"{fill(cause.title, 18)} {cause.symbol}" for cause in shown])
+    if len(shown) < MANY:
+        room = LETTERS_OF_ALL // len(shown) - 1
+        axes.set_xticks(middles, [fill(cause.title, room) for cause in shown])
+    else:  # their titles have no room beside one another
+        titles = [cause.title for cause in shown]
+        axes.set_xticks(middles, titles, rotation=30, ha="right", rotation_mode="anchor")
+    axes.set_yticks(middles, [fill(cause.title, 18) for cause in shown])
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)
 

@@ -10,22 +10,23 @@ from matplotlib.lines import Line2D
 
 from icpshap.report import by_estimator, captions
 from icpshap.report.figures.style import (
+    BAND,
     INK,
     MUTED,
     PAGE,
+    SMALL,
     say_nothing,
     styled,
     symmetric_logarithmic,
 )
 from icpshap.report.study import contains_zero
 
-MOST_IN_A_ROW = 4  # panels
-ROW, AROUND = 0.26, 0.45  # inch: of an estimator, and of what is above and below all of them
-LETTERS = 28  # of a title that are as long as a panel is wide
+MOST_IN_A_ROW = 2  # panels
+ROW, AROUND = 0.3, 0.55  # inch: of an estimator, and of what is above and below all of them
+LETTERS = 36  # of a title that are as long as a panel is wide
 LINEAR = 0.1  # up to here the axes are linear
-BAND = "#F5F5F5"
-MARK = {"linestyle": "", "markersize": 3.5, "markeredgewidth": 0.8}
-DOT = {"linestyle": "", "markersize": 2.2, "markeredgewidth": 0}
+MARK = {"linestyle": "", "markersize": 5, "markeredgewidth": 1}
+DOT = {"linestyle": "", "markersize": 3, "markeredgewidth": 0}
 MEDIAN = {"marker": "|", "markersize": 9, "markeredgewidth": 1.6}
 ALPHA = 0.6  # of the dots that a median is of
 
@@ -61,8 +62,8 @@ def picture(table, study):
         kinds = [_draw(axes, panel, names) for axes, panel in zip(all_axes, panels, strict=False)]
         symmetric_logarithmic(all_axes[0], "x", LINEAR)
         for axes, panel in zip(all_axes, panels, strict=False):
-            axes.tick_params(axis="x", labelbottom=True, labelsize=6)
-            axes.tick_params(axis="y", labelsize=5.5)
+            axes.tick_params(axis="x", labelbottom=True, labelsize=SMALL)
+            axes.tick_params(axis="y", labelsize=SMALL)
             axes.set_xlabel(fill(f"{panel.title} [{study.unit}]", LETTERS))
         _name(all_axes[0], table, names)
         figure.legend(

@@ -5,8 +5,8 @@ from textwrap import fill
 import matplotlib.pyplot as plt
 import numpy as np
 
+from icpshap.report import words
 from icpshap.report.figures.style import (
-    COLUMN,
     FAINT,
     INK,
     MUTED,
@@ -21,6 +21,7 @@ from icpshap.report.study import contains_zero
 # Tables with at most this many rows name every pair; larger ones name the sequences.
 FEW = 8
 LETTERS = 18  # of an axis label that are as long as a strip is high
+LETTERS_OF_ALL = 80  # below the strips
 AGAIN = "#CC79A7"
 
 
@@ -31,14 +32,14 @@ def pairs(table, study):
         *((f"phi_{c.name}", value_label(c, study.unit), c.colour) for c in study.shown(table)),
         ("f", f"f [{study.unit}]", INK),
     ]
-    width = COLUMN if len(table) <= FEW else PAGE
-    figure = plt.figure(figsize=(width, 0.5 + 1.05 * len(strips)))
+    figure = plt.figure(figsize=(PAGE, 0.7 + 1.15 * len(strips)))
     if len(study.valued(table)) == 0:
         return say_nothing(figure, "No pair has a value.")
     panels = figure.subplots(len(strips), sharex=True, squeeze=False)[:, 0]
     x = _positions(table)
+    logarithmic = words.is_spread(table[[*study.phi(table), "f"]])
     for axes, (name, label, colour) in zip(panels, strips, strict=True):
-        _strip(axes, x, table, name, colour)
+        _strip(axes, x, table, name, colour, logarithmic)
         axes.set_ylabel(fill(label, LETTERS, break_long_words=False))
     _name_rows(panels[-1], x, table, study)
     figure.align_ylabels(panels)
@@ -54,7 +55,7 @@ def _positions(table):
     return np.arange(len(table)) + 2 * table.sequence.map(list(table.sequence.unique()).index)
 
 
-def _strip(axes, x, table, name, colour):
+def _strip(axes, x, table, name, colour, logarithmic):
     """Dots with intervals, the median of each sequence, and marks where there is no value."""
     _estimates(axes, x, table, name, colour)
     for _, rows in table.groupby("sequence", sort=False):
@@ -63,7 +64,8 @@ def _strip(axes, x, table, name, colour):
         axes.axvline(ends[0] - 1, color=FAINT, linewidth=0.6, zorder=-2)
     _mark_missing(axes, x[table[name].isna()])
     axes.axhline(0, color=MUTED, linewidth=0.5, zorder=-1)
-    symmetric_logarithmic(axes, "y")
+    if logarithmic:
+        symmetric_logarithmic(axes, "y")
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, -0.3), max(high, 1.2))
 
@@ -72,14 +74,14 @@ def _estimates(axes, x, table, name, colour):
     """Dots with intervals, open where 0 is in them."""
     many = len(table) > FEW
     low, high = table[f"{name}_low"], table[f"{name}_high"]
-    axes.vlines(x, low, high, color=colour, linewidth=0.5 if many else 0.9, alpha=0.6)
+    axes.vlines(x, low, high, color=colour, linewidth=0.5 if many else 1.4, alpha=0.6)
     unsure = contains_zero(table, name)
     for rows, face in ((~unsure, colour), (unsure, "white")):
         axes.plot(
             x[rows],
             table[name][rows],
             "o",
-            markersize=2.2 if many else 3.5,
+            markersize=2.2 if many else 5,
             markerfacecolor=face,
             markeredgecolor=colour,
             markeredgewidth=0.6,
@@ -101,8 +103,9 @@ def _mark_missing(axes, x):
 
 def _name_rows(axes, x, table, study):
     if len(table) <= FEW:
-        labels = [study.pair(row) for row in table.itertuples()]
-        axes.set_xticks(x, labels, rotation=20, ha="right")
+        room = int(LETTERS_OF_ALL / (np.ptp(x) + 2.5))
+        labels = [fill(study.pair(row), room) for row in table.itertuples()]
+        axes.set_xticks(x, labels)
     else:
         starts = table.groupby("sequence", sort=False).head(1)
         names = [study.title(sequence).replace(" ", "\n") for sequence in starts.sequence]
@@ -114,4 +117,5 @@ def _mark_chance(axes, x, table):
     """What f is by chance, and between two clean samples of a pair."""
     mark_noise_floor(axes.axhspan, table.null_95.mean())
     if table.f_again.notna().any():
-        axes.plot(x, table.f_again, "_", color=AGAIN, markersize=4, label="A/A value")
+        label = "A/A value: f between two clean samples"
+        axes.plot(x, table.f_again, "_", color=AGAIN, markersize=7, label=label)

@@ -158,7 +158,7 @@ def _remarks(scene, row):
 def picture(scene):
     """Scans from above, and pose errors in translation and rotation, as a Figure."""
     with styled():
-        figure = plt.figure(figsize=(PAGE, 5.4))
+        figure = plt.figure(figsize=(PAGE, 6.2))
         above, below = figure.subfigures(2, height_ratios=(1.5, 1))
         _draw_scans(above, scene)
         if scene.no_poses:
@@ -209,7 +209,7 @@ def clouds(scene):
     }
     if scene.removing:
         removed = np.vstack([reference[~scene.kept_reference], source[~kept]])
-        name = f"removed by {', '.join(cause.symbol for cause in scene.removing)}"
+        name = f"removed by {words.listed([cause.title for cause in scene.removing])}"
         parts[name] = (removed, REMOVED)
     return parts
 

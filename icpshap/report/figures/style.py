@@ -9,27 +9,30 @@ from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from icpshap.report import words
 
-# Widths of one and of two columns of a two-column paper [inch]; fonts are readable at these.
-COLUMN, PAGE = 3.5, 7.16
+# Width of every figure [inch]: that of a page of a two-column paper, and of the report.
+PAGE = 7.16
+# Sizes of type [pt]: at that width on the report's page as large as its text, and as its captions.
+TEXT, SMALL = 9, 7.7
 RASTER_DPI = 300
 
 # Heights [inch] of a row of a plot, and of what is above and below all rows.
-ROW, AROUND_ROWS = 0.42, 0.64
+ROW, AROUND_ROWS = 0.5, 0.8
 
 # Okabe and Ito's colours, which people with any colour vision can tell apart.
 INCREASE, DECREASE, NARROWING = "#D55E00", "#0072B2", "#009E73"
 INK, MUTED, FAINT = "#222222", "#777777", "#DDDDDD"
+BAND = "#F5F5F5"  # behind every second row or lane
 # Dark to bright without the palest part, which is lost on white paper.
 LEVELS = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0, 0.9, 256)))
 
 STYLE = {
     "font.family": "DejaVu Sans",
-    "font.size": 7,
-    "axes.labelsize": 7,
-    "axes.titlesize": 7,
-    "xtick.labelsize": 6.5,
-    "ytick.labelsize": 6.5,
-    "legend.fontsize": 6,
+    "font.size": TEXT,
+    "axes.labelsize": TEXT,
+    "axes.titlesize": TEXT,
+    "xtick.labelsize": TEXT,
+    "ytick.labelsize": TEXT,
+    "legend.fontsize": SMALL,
     "legend.frameon": False,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -45,14 +48,9 @@ STYLE = {
 
 @contextmanager
 def styled():
-    """The style of all figures, and a fixed state of the generator that shap jitters with."""
-    state = np.random.get_state()  # noqa: NPY002
-    np.random.seed(0)  # noqa: NPY002
-    try:
-        with matplotlib.rc_context(STYLE):
-            yield
-    finally:
-        np.random.set_state(state)  # noqa: NPY002
+    """The style of all figures."""
+    with matplotlib.rc_context(STYLE):
+        yield
 
 
 def save(figure, *paths):
@@ -84,7 +82,8 @@ def say_nothing(figure, message):
 def mark_noise_floor(span, null_95):
     """Mark, with an axis' `span` function, what f is by chance alone, if it is anything."""
     if np.isfinite(null_95) and null_95 > 0:
-        span(0, null_95, color=FAINT, zorder=-2, linewidth=0, label="noise floor of f (95 %)")
+        label = "noise floor: f by chance alone (95 %)"
+        span(0, null_95, color=FAINT, zorder=-2, linewidth=0, label=label)
 
 
 def symmetric_logarithmic(axes, direction, linear=1.0):
