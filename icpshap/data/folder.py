@@ -125,7 +125,7 @@ def _data_set_pose_file(folder):
 
 def _own_pose_file(folder, entries, scans):
     """The pose file among what lies in a folder, or beside its scans where these lie below it."""
-    below = {path.parent for path in scans}
+    below, scans = {path.parent for path in scans}, set(scans)
     for place in [entries, *([_files(*below)] if len(below) == 1 and folder not in below else [])]:
         files = [path for path in place if not path.is_dir() and path not in scans]
         found = [path for path in files if _is_named_poses(path)]
@@ -181,7 +181,8 @@ def _own_scans(folder, others, paths, scans):
             f"{folder}: scans of different kinds ({', '.join(kinds)}).",
             "keep one kind in the folder, so that their order is clear.",
         )
-    if not paths and (unknown := _counted_suffixes(others)):
+    known = [path for path in paths if suffix_of(path) != TEXT]
+    if not known and len(paths) != scans and (unknown := _counted_suffixes(others)):
         raise _unknown_format(folder, unknown)
     if len(paths) != scans:
         raise DataError(
@@ -202,27 +203,33 @@ def _candidates(folder, others, not_scans):
 
     Text may be anything, so that it is a scan only where nothing else is.
     """
-    places = {folder: others, **_below(folder, not_scans)}
-    for suffixes in (set(SCAN_SUFFIXES) - {TEXT}, {TEXT}):
-        found = {
-            place: [path for path in files if suffix_of(path) in suffixes]
-            for place, files in places.items()
-        }
-        if found[folder]:
-            return found[folder]
-        found = {place: files for place, files in found.items() if files}
-        if len(found) > 1 and any(len(files) > 1 for files in found.values()):
-            counts = [
-                f"{place.relative_to(folder)} ({len(files)})" for place, files in found.items()
-            ]
-            raise DataError(
-                f"{folder}: scans in {len(found)} folders below it: {', '.join(counts[:4])}"
-                f"{', ...' if len(counts) > 4 else ''}; expected all in one, or one in each.",
-                "set `folder: {path: ...}` to the one that holds the scans.",
-            )
-        if found:
-            return [path for files in found.values() for path in files]
-    return []
+    formats = set(SCAN_SUFFIXES) - {TEXT}
+    if here := _of_formats(others, formats):
+        return here
+    below = _below(folder, not_scans)
+    return (
+        _all_or_one(folder, below, formats)
+        or _of_formats(others, {TEXT})
+        or _all_or_one(folder, below, {TEXT})
+    )
+
+
+def _of_formats(paths, suffixes):
+    return [path for path in paths if suffix_of(path) in suffixes]
+
+
+def _all_or_one(folder, below, suffixes):
+    """The scans of some formats in the folders below one: all in one of them, or one in each."""
+    found = {place: _of_formats(files, suffixes) for place, files in below.items()}
+    found = {place: files for place, files in found.items() if files}
+    if len(found) > 1 and any(len(files) > 1 for files in found.values()):
+        counts = [f"{place.relative_to(folder)} ({len(files)})" for place, files in found.items()]
+        raise DataError(
+            f"{folder}: scans in {len(found)} folders below it: {', '.join(counts[:4])}"
+            f"{', ...' if len(counts) > 4 else ''}; expected all in one, or one in each.",
+            "set `folder: {path: ...}` to the one that holds the scans.",
+        )
+    return [path for files in found.values() for path in files]
 
 
 def _below(folder, not_scans):

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from icpshap import icp
+from icpshap import icp, se3
 from icpshap.data.ground_truth import OVERLAP_DISTANCE
 from icpshap.data.scans import MINIMUM_POINTS
 from icpshap.errors import DataError
@@ -26,8 +26,12 @@ NEIGHBOURS = 20  # of a normal: enough to leave one ring of a spinning scanner
 MATCHES = 3
 KEPT_LINKS = 0.7
 DISTANCES = (None, 20, 5)  # of links at most, in voxels, from coarse to fine; None: no limit
-STEP = 1e-5  # rad and m, at which the finest stops
+STEP = 1e-3  # rad and m, mean of the last three at which the finest stops
 ITERATIONS = 150  # of each
+# Where ICP starts besides the guess itself: turned, moved along an axis [rad, voxels].
+OFFSETS = np.vstack(
+    [np.zeros(6), *(sign * row for row in np.diag(3 * [0.2] + 3 * [10.0]) for sign in (1, -1))]
+)
 MINIMUM_OVERLAP = 0.5  # share of the source that must lie near the reference at the answer
 
 
@@ -57,19 +61,24 @@ def register_scans(reference, source, T_initial, where):
             "check that the scans are in metres and in the scanner's own frame.",
         )
     target = icp.Reference(reference, normal_neighbours=NEIGHBOURS)
-    rows = [np.arange(len(source))]
-    T, iterations = np.asarray(T_initial, dtype=float), 0
+    rows = len(OFFSETS) * [np.arange(len(source))]
+    T = np.asarray(T_initial, dtype=float) @ se3.exp(OFFSETS * [1, 1, 1, voxel, voxel, voxel])
+    iterations = np.zeros(len(T), dtype=int)
     for distance in DISTANCES:
         chain = _chain(distance and distance * voxel, is_last=distance == DISTANCES[-1])
-        result = icp.register(target, source, rows, T[None], chain)
-        T, status = result.T_reference_source[0], result.status[0]
-        iterations += int(result.iterations[0])
-        logging.info("%s: links up to %s voxels: %s", where, distance or "any", status)
-    near = nearest_distances(reference, source, T) <= max(OVERLAP_DISTANCE, 2 * voxel)
-    found = Registered(T, iterations, float(result.rmse[0]), float(near.mean()))
+        result = icp.register(target, source, rows, T, chain)
+        T = result.T_reference_source
+        iterations += result.iterations
+        logging.info("%s: links up to %s voxels: %s", where, distance or "any", result.status)
+    settled = np.flatnonzero(result.status == "ok")
+    if not len(settled):
+        raise _no_answer(where, f"ICP ended with {result.status[0]} from every start")
+    nearness = [_nearness(reference, source, T[run], voxel) for run in settled]
+    best = settled[int(np.argmax(nearness))]
+    logging.info("%s: near to each other %s, the best is %d", where, np.round(nearness, 3), best)
+    near = nearest_distances(reference, source, T[best]) <= max(OVERLAP_DISTANCE, 2 * voxel)
+    found = Registered(T[best], int(iterations[best]), float(result.rmse[best]), float(near.mean()))
     logging.info("%s: overlap %.3f, rmse %.4f m", where, found.overlap, found.rmse)
-    if status != "ok":
-        raise _no_answer(where, f"ICP ended with {status} after {iterations} iterations")
     if found.overlap < MINIMUM_OVERLAP:
         raise _no_answer(
             where,
@@ -77,6 +86,13 @@ def register_scans(reference, source, T_initial, where):
             f" reference, expected {100 * MINIMUM_OVERLAP:.0f} % or more",
         )
     return found
+
+
+def _nearness(reference, source, T_reference_source, distance):
+    """Share of the points of both clouds that lie within a distance [m] of the other cloud."""
+    there = nearest_distances(reference, source, T_reference_source) <= distance
+    back = nearest_distances(source, reference, se3.inverse(T_reference_source)) <= distance
+    return (there.mean() + back.mean()) / 2
 
 
 def _no_answer(where, problem):

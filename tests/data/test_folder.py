@@ -53,6 +53,7 @@ def test_pose_file_can_be_named(tmp_path):
         (["1.ply", "poses.txt"], {"pose_file": "p.txt"}, r"p\.txt: no such pose file"),
         (["1.ply", "2.pcd", "poses.txt"], {}, r"scans of different kinds \(\.pcd, \.ply\)"),
         (["1.ply", "poses.txt"], {}, r"1 scans \(\.ply\), but the configuration says `scans: 2`"),
+        (["1.las", "2.las", "poses.txt", "readme.txt"], {}, r"found 2 \.las: known formats are"),
         (["poses.txt"], {}, r"0 scans \(\.csv, .*\), but"),
     ],
 )
@@ -162,6 +163,18 @@ class TestBelow:
         with pytest.raises(DataError, match=expected) as error:
             find_folder_files(tmp_path, 3)
         assert "set `folder: {path: ...}` to the one that holds the scans" in str(error.value)
+
+    def test_folders_below_are_not_looked_into_where_they_need_not_be(self, tmp_path, monkeypatch):
+        self.below(tmp_path, "1.ply", "2.ply", "poses.txt", "private/1.ply")
+        listed = type(tmp_path).iterdir
+
+        def iterdir(path):
+            if path.name == "private":
+                raise PermissionError(13, "Permission denied")
+            return listed(path)
+
+        monkeypatch.setattr(type(tmp_path), "iterdir", iterdir)
+        assert self.names(tmp_path, 2)[0] == ["1.ply", "2.ply"]
 
     def test_too_deep(self, tmp_path):
         self.below(tmp_path, "a/b/c/1.ply", "a/b/c/2.ply", "poses.txt")
