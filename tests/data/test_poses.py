@@ -7,7 +7,9 @@ from misbehaving_server import poses_csv
 from scipy.spatial.transform import Rotation
 
 from icpshap import se3
+from icpshap.data.folder import find_folder_files
 from icpshap.data.poses import read_poses, read_transforms
+from icpshap.data.scans import read_scan
 from icpshap.errors import DataError
 
 
@@ -290,3 +292,14 @@ def test_a_comment_says_the_order(tmp_path, walk, order):
     expected = f"`quaternion: {other}`, but a comment in the file says {names[order]}"
     with pytest.raises(DataError, match=expected):
         read_poses(path, 5, quaternion=other)
+
+
+@pytest.mark.parametrize("name", ["apartment_pair", "spinning_pair"])
+@pytest.mark.parametrize("order", ["xyzw", "wxyz"])
+def test_the_order_of_real_poses(real_data, tmp_path, name, order):
+    paths, pose_path = find_folder_files(real_data / name, 2)
+    poses = read_poses(pose_path, 2)
+    start = se3.exp([0.3, -0.2, 1.1, 2.0, 1.0, 0.5])  # a frame that turns none of them to identity
+    path = tum_of(tmp_path / "p.tum", start @ poses, order)
+    found = read_poses(path, 2, scan=lambda index: read_scan(paths[index])[0])
+    np.testing.assert_allclose(found, start @ poses, atol=1e-4)

@@ -384,3 +384,56 @@ class TestClouds:
     def test_they_name_their_columns_themselves(self, tmp_path):
         path = stored(tmp_path / "a.ply", ply())
         problem(path, ".ply files name their columns themselves", columns=["x", "y", "z"])
+
+
+DAMAGED = {
+    "a.bin": KITTI[:40].tobytes(),
+    "a.npy": npy(POINTS[:40]),
+    "fields.npy": npy(structured(["x", "y", "z"], *POINTS[:40].T)),
+    "a.npz": npz(np.savez_compressed, points=POINTS[:40], stamp=INTENSITY[:40]),
+    "plain.npz": npz(x=POINTS[:40, 0], y=POINTS[:40, 1], z=POINTS[:40, 2]),
+    "a.xyz": b"# x y z\n" + b"1.25 2.5 3.75\n-4 5e-1 6\n" * 20,
+    "a.csv": b"1.25;2.5;3.75\n-4;5e-1;6\n" * 20,
+    "a.ply.gz": gzip.compress(ply()),
+    "a.pcd.gz": gzip.compress(pcd()),
+}
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_damage_is_an_error_that_names_the_file_or_changes_a_value(tmp_path, name):
+    whole, generator = DAMAGED[name], np.random.default_rng(list(DAMAGED).index(name))
+    path = tmp_path / name
+    rows = len(read_scan(stored(path, whole))[0])
+    for _ in range(300):
+        damaged = bytearray(whole)
+        if generator.random() < 0.3:
+            damaged = damaged[: generator.integers(len(whole))]
+        else:
+            for place in generator.integers(len(whole), size=generator.integers(1, 4)):
+                damaged[place] ^= 1 << generator.integers(8)
+        stored(path, damaged)
+        try:
+            points, dropped = read_scan(path, drop_non_finite=True)
+        except DataError as error:
+            assert str(path) in str(error)
+        else:
+            assert points.shape[1:] == (3,) and len(points) + dropped <= rows
+
+
+def test_a_real_scan_comes_back_from_every_format(real_data, tmp_path):
+    path = real_data / "spinning_pair" / "scan_0.ply"
+    points, _ = read_scan(path)
+    floats = points.astype("<f4")
+    np.testing.assert_array_equal(floats, points)  # as it was written
+    rows = np.column_stack([floats, np.ones(len(floats), "<f4")])
+    text = "".join(" ".join(map(repr, row)) + "\n" for row in points.tolist())
+    written_as = {
+        "a.bin": rows.tobytes(),
+        "a.npy": npy(floats),
+        "a.npz": npz(np.savez_compressed, points=points),
+        "a.xyz": text.encode(),
+        "a.csv": text.replace(" ", ",").encode(),
+        "a.ply.gz": gzip.compress(path.read_bytes(), 1),
+    }
+    for name, content in written_as.items():
+        np.testing.assert_array_equal(read_scan(stored(tmp_path / name, content))[0], points)
