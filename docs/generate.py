@@ -161,7 +161,7 @@ def _blocks(whole):
             found.append((block, [path]))
         for key, value in properties.items():
             visit(f"{path}.{key}".lstrip("."), value)
-        if isinstance(block.get("additionalProperties"), dict):
+        if path in names and isinstance(block.get("additionalProperties"), dict):
             visit(f"{path}.{names[path]}", block["additionalProperties"])
 
     visit("", whole)

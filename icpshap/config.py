@@ -102,6 +102,7 @@ class Config:
     run: tuple[str, ...]
     joined: tuple[str, ...]
     runs_per_job: int
+    stop_at_red: bool
     perturbation: Perturbation
     data: dict[str, Sequence]
     estimators: dict[str, Preset]
@@ -165,6 +166,7 @@ def load(config):
         run=tuple(dict.fromkeys(run)),
         joined=tuple(name for name in config["run"] if name in by_estimator),
         runs_per_job=config["runs_per_job"],
+        stop_at_red=config.get("stop_at_red", False),
         perturbation=Perturbation(**config["perturbation"]),
         data={key: _sequence(key, block) for key, block in config["data"].items()},
         estimators={

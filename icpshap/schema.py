@@ -347,6 +347,11 @@ class TopLevel:
         minimum=1,
         maximum=10**9,
     )
+    stop_at_red: bool = option(
+        False,
+        "Whether a pair is not registered, and the run stops, where a check of how the settings "
+        "fit the scans is red",
+    )
 
 
 def _kind():

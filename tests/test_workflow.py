@@ -25,7 +25,7 @@ def project(tmp_path):
 def test_everything_is_made(finished):
     results = finished.folder / "results"
     for experiment in ("tiny_grid", "tiny_fixed"):
-        for table in ("uncertainty", "shap"):
+        for table in ("uncertainty", "shap", "fit"):
             assert (results / experiment / f"{table}.parquet").is_file()
     shap = pd.read_parquet(results / "tiny_grid" / "shap.parquet")
     assert len(shap) == 8
@@ -35,6 +35,17 @@ def test_everything_is_made(finished):
     assert shap["f"].iloc[-1] > 1
     fixed = pd.read_parquet(results / "tiny_fixed" / "shap.parquet")
     assert list(fixed["sequence"]) == ["tiny_room", "tiny_stairs", "tiny_stairs"]
+
+
+def test_how_the_settings_fit_is_said_before_any_icp_and_stands_in_one_table(finished):
+    said = finished.said
+    assert said.index("tiny_fixed, Tiny room: ") < said.index("] run_icp tiny_fixed tiny_room")
+    fit = pd.read_parquet(finished.folder / "results" / "tiny_fixed" / "fit.parquet")
+    assert set(fit["check"]) >= {"true pose", "rings", "points", "clean success", "clean basin"}
+    assert fit.groupby("sequence", sort=False)["check"].size().to_dict() == {
+        "tiny_room": 11,
+        "tiny_stairs": 22,
+    }
 
 
 def test_logs_are_written_where_the_rule_says(finished):
@@ -206,6 +217,12 @@ class TestWhatRunsAgain:
         assert planned["explain_sequence"] == 4
         assert "run_icp" not in planned
 
+    def test_words_and_limits_of_the_fit_register_nothing(self, edited):
+        change(edited.code / "icpshap/fit/checks.py", "DUPLICATES = 0.01", "DUPLICATES = 0.02")
+        planned = self.planned(edited)
+        assert planned["measure_fit"] == planned["explain_sequence"] == 4
+        assert not {"run_icp", "check_pair", "measure_overlap"} & set(planned)
+
     def test_editing_a_figure_plans_figures_alone(self, edited):
         change(
             edited.code / "icpshap/report/figures/style.py",
@@ -258,6 +275,27 @@ class TestSeveralEstimators:
         assert 'id="tiny_by_estimator"' in page and 'id="tiny_by_estimator-by_estimator"' in page
         assert "results/tiny_by_estimator/ (figures/by_estimator.png, tables/by_estimator.m" in said
         assert "Nothing to be done" in project.run(*self.FILES)
+
+
+@pytest.mark.slow
+def test_what_if_runs_the_explained_instance_again_and_says_what_helps(project):
+    changes = {
+        "closer": {"initial_pose": 0.375},
+        "more_points": {"subsampling_probability": 0.4},
+    }
+    overlay = {"run": ["tiny_pose"], "experiments": {"tiny_pose": {"what_if": changes}}}
+    (project.folder / "what_if.yaml").write_text(yaml.safe_dump(overlay))
+    files = ("--configfile", "tiny.yaml", "what_if.yaml")
+    said = project.run(*files)
+    results = project.folder / "results" / "tiny_pose"
+    table = pd.read_csv(results / "tables" / "what_if.csv")
+    assert list(table["what_if"]) == ["as it is", *changes]
+    shap = pd.read_parquet(project.folder / "results/tiny_pose_closer/shap.parquet")
+    assert table["f"][1] == pytest.approx(shap["f"][0])
+    told = (results / "tables" / "what_if.md").read_text().splitlines()[-1]
+    assert told in said and told in (project.folder / "results/report.html").read_text()
+    assert "tiny_pose_closer (" not in said  # no finding of its own
+    assert "Nothing to be done" in project.run(*files)
 
 
 def test_a_dry_run_needs_no_data_and_no_network(project):
@@ -341,6 +379,16 @@ class TestBadInput:
     def test_missing_folder(self, own):
         shutil.rmtree(own.folder / "scans")
         assert "data.own: scans: no such folder" in self.fails(own)
+
+    def test_a_red_check_where_the_run_shall_stop(self, own):
+        """Scans in millimetres, which else are registered, and the check said first."""
+        for path in (own.folder / "scans").glob("*.csv"):
+            rows = pd.read_csv(path)
+            rows[["x", "y", "z"]] *= 1000
+            rows.to_csv(path, index=False)
+        said = self.fails(own, "--config", "stop_at_red=true")
+        assert "the settings do not fit the scans. Half of the points are within" in said
+        assert "multiply by 0.001" in said and "run_icp" not in said.split("[ ")[-1]
 
     def test_larger_reduction_than_overlap(self, own):
         path = own.folder / "scans" / "poses.txt"

@@ -49,6 +49,7 @@ EDITS = {
     ("sequences",): (["own"], set()),
     ("run",): ([EXPERIMENT], set()),
     ("runs_per_job",): (120, {"cut"}),
+    ("stop_at_red",): (True, set()),
     ("perturbation", "initial_pose_rotation"): (5, {"job"}),
     ("perturbation", "initial_pose_translation"): (0.1, {"job"}),
     ("perturbation", "overlap_distance"): (0.3, {"overlap"}),

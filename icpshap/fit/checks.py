@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from icpshap.errors import DataError
+
 GRADES = ("red", "remark", "fits")  # the gravest first
 PAIR = ["sequence", "reference", "source"]
 
@@ -308,6 +310,20 @@ def red(fit):
         rows = rows[rows.grade == "red"]
         found[pair] = " ".join(map(said, rows.itertuples()))
     return found
+
+
+def require_fit(numbers, pair):
+    """Raise DataError where a check of a pair of a fit_numbers table is red.
+
+    pair: sequence, reference, source.
+    """
+    if broken := red(table(numbers)).get(pair):
+        sequence, reference, source = pair
+        raise DataError(
+            f"{sequence}, scans {reference} and {source}: the settings do not fit the scans. "
+            f"{broken}",
+            "change them so, or let the run go on with stop_at_red: false.",
+        )
 
 
 def said(row):

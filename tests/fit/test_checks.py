@@ -6,6 +6,7 @@ import pytest
 from known_results import FIXED, PAIRS, fit_numbers, fit_table, shap_table
 
 from icpshap import tables
+from icpshap.errors import DataError
 from icpshap.fit import checks
 
 ONE = shap_table(FIXED, PAIRS[:1])
@@ -126,6 +127,13 @@ def test_an_estimator_without_normals_is_not_asked_for_them():
     fit = fit_table(ONE, neighbours=np.nan, normal_radius=np.nan, ring_share=np.nan)
     assert {"rings", "normals"}.isdisjoint(fit.check)
     assert "normals" not in set(fit_table(ONE, largest_noise=np.nan).check)
+
+
+def test_where_it_is_demanded_red_is_an_error_with_its_remedy():
+    checks.require_fit(fit_numbers(ONE, overlap=0.2), ("apartment", 0, 1))
+    numbers = fit_numbers(ONE, typical_range=3800.0)
+    with pytest.raises(DataError, match="3,800 m of the scanner: points in metres"):
+        checks.require_fit(numbers, ("apartment", 0, 1))
 
 
 def clean_rows(**changed):

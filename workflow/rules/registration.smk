@@ -16,6 +16,8 @@ rule check_pair:
         source=scan_of_pair("source"),
         poses=poses_for(paths.PAIR, plan_of_pair),
         overlap=paths.OVERLAP,
+        # Demanded or not, it decides no number of the pair.
+        fit=paths.FIT_NUMBERS if CONFIG.stop_at_red else [],
     output:
         paths.PAIR,
     log:

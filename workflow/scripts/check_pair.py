@@ -7,6 +7,7 @@ from icpshap.causes import CAUSES
 from icpshap.data.pair import describe_pair, read_pair
 from icpshap.estimators import Estimator
 from icpshap.estimators.perturb import Streams, require_points
+from icpshap.fit.checks import require_fit
 from icpshap.jobs import digests
 from icpshap.jobs.job import job
 from icpshap.plan import Setting
@@ -28,6 +29,8 @@ def check_pair(paths, output, plan, terminal):
         largest = Setting.at({name: level for name, _, level in plan["levels"]})
         streams = Streams(plan["seed"], plan["sequence"], *indices)
         require_points(pair, largest, Estimator.decided(plan["estimator"]), streams)
+    if paths.fit:
+        require_fit(tables.read(paths.fit, "fit_numbers"), (plan["sequence"], *indices))
     for remark in filter(None, (row["reason"], row["warning"])):
         if remark == truth:  # said once, of the whole sequence
             continue
