@@ -64,7 +64,7 @@ def read_poses(path, scans, names=None, quaternion=None, scan=None):
             "a pose is needed for every scan, of 12 or 16 numbers a line.",
         )
     if _is_transform(rows, scans):
-        return np.stack([np.eye(4), _transform(path, rows)])
+        return _poses_of_two(path, _transform(path, rows))
     found = _rows(path, rows)
     if len(found.lines) > scans and names is not None:
         found = found.at(drives.lines_of_scans(path, len(found.lines), found.stamps, names))
@@ -112,6 +112,19 @@ def _is_transform(rows, scans):
     return width == 4 or (len(rows) == 1 and scans == 2 and width in (12, 16))
 
 
+def _poses_of_two(path, T_reference_source):
+    """Poses (2, 4, 4) of two scans, of which the first one's frame is the global one."""
+    if (T_reference_source == np.eye(4)).all():
+        # What a drive begins with.
+        raise DataError(
+            f"{path}: 1 poses, but the configuration says `scans: 2`; taken for the transform"
+            " from one scan to the other, it says that the scanner did not move.",
+            "a pose is needed for every scan, and at least 2 scans; the file may be cut off. One"
+            " transform T_reference_source does for two.",
+        )
+    return np.stack([np.eye(4), T_reference_source])
+
+
 def _transform(path, rows):
     """T_reference_source (4, 4) of a file that has nothing else."""
     width = len(rows[0][1])
@@ -124,14 +137,6 @@ def _transform(path, rows):
         )
     transform = _of_rows(values.reshape(1, -1))[0]
     _check_pose(f"{path}, line {lines[0]}", transform)
-    if (transform == np.eye(4)).all():
-        # What a drive begins with.
-        raise DataError(
-            f"{path}: 1 poses, but the configuration says `scans: 2`; taken for the transform"
-            " from one scan to the other, it says that the scanner did not move.",
-            "a pose is needed for every scan, and at least 2 scans; the file may be cut off. One"
-            " transform T_reference_source does for two.",
-        )
     return transform
 
 

@@ -62,7 +62,8 @@ def register_scans(reference, source, T_initial, where):
         )
     target = icp.Reference(reference, normal_neighbours=NEIGHBOURS)
     rows = len(OFFSETS) * [np.arange(len(source))]
-    T = np.asarray(T_initial, dtype=float) @ se3.exp(OFFSETS * [1, 1, 1, voxel, voxel, voxel])
+    start = se3.exp(se3.log(T_initial))  # without the rounding of a file
+    T = start @ se3.exp(OFFSETS * [1, 1, 1, voxel, voxel, voxel])
     iterations = np.zeros(len(T), dtype=int)
     for distance in DISTANCES:
         chain = _chain(distance and distance * voxel, is_last=distance == DISTANCES[-1])

@@ -151,6 +151,11 @@ def test_transforms_that_are_wrong(tmp_path, text, scans, expected):
     assert str(error.value).startswith(f"{path}{expected}"), error.value
 
 
+def test_no_motion_is_a_guess_but_no_pose(tmp_path):
+    path = written(tmp_path / "T.txt", matrix_text(np.eye(4)))
+    np.testing.assert_array_equal(read_transforms(path), np.eye(4)[None])
+
+
 def test_several_transforms(tmp_path):
     path = written(tmp_path / "T.txt", matrix_text(T[:3].ravel() for T in POSES))
     np.testing.assert_array_equal(read_transforms(path), POSES)

@@ -51,6 +51,13 @@ def test_a_guess_is_where_icp_starts(hall):
     assert rotation < 0.2 and translation < 0.02
 
 
+def test_the_rounding_of_a_guess_is_not_in_the_answer(hall):
+    T = np.round(se3.exp([0.02, -0.01, 0.1, 0.4, -0.2, 0.05]), 4)
+    found = register_scans(hall(), se3.transform(se3.inverse(T), hall()), T, "hall")
+    rotation = found.T_reference_source[:3, :3]
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+
+
 def test_the_same_bytes_each_time(hall):
     reference, source = hall(), hall()
     found = [register_scans(reference, source, np.eye(4), "hall") for _ in range(2)]
