@@ -215,7 +215,11 @@ def _seen(kind):
 
 def _options_table(owners, kind):
     """A table of options with their defaults and, of the presets' kind, what the presets change."""
-    named = {"released_code": presets.RELEASED_CODE, "robust": presets.ROBUST}
+    named = {
+        "released_code": presets.RELEASED_CODE,
+        "robust": presets.ROBUST,
+        "lidar": presets.LIDAR,
+    }
     shown = named if kind == presets.DEFAULT_KIND else {}
     rows = []
     for owner in owners:
@@ -357,7 +361,9 @@ PLACES = {
     "scan": paths.SCAN,
     "timed_scan": paths.SCAN,
     "poses": paths.POSES,
+    "registrations": paths.REGISTRATION,
     "overlap": paths.OVERLAP,
+    "fit_numbers": paths.FIT_NUMBERS,
     "runs": paths.RUNS,
     "estimates": paths.ESTIMATES,
     "descriptors": paths.DESCRIPTORS,
@@ -366,8 +372,11 @@ ROWS = {
     "scan": "a point",
     "timed_scan": "a point of a scan whose file says when it was measured",
     "poses": "a scan",
+    "registrations": "two consecutive scans; there is one, where ICP makes the poses",
     "overlap": "a source point, in the order of its scan",
     "pairs": "a pair, registered or not",
+    "fit_numbers": "a pair: what the checks of how the settings fit the scans are made from",
+    "fit": "a check of a pair: the number, what is right, the change that mends it",
     "runs": "a pose sample: an ICP run",
     "estimates": "the covariance of a setting in one noise draw",
     "descriptors": "a setting, to learn from: what its clouds look like, and how its runs spread",

@@ -4,6 +4,7 @@ from importlib import import_module
 
 # Where each public name lives; it is imported when it is used, since some of them take a second.
 _HOMES = {
+    "LIDAR": "icpshap.presets",
     "PAPER": "icpshap.presets",
     "RELEASED_CODE": "icpshap.presets",
     "ROBUST": "icpshap.presets",

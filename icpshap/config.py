@@ -16,6 +16,7 @@ from jsonschema import Draft202012Validator
 
 from icpshap import presets, schema
 from icpshap.causes import CAUSES, MOST, named, variants_of
+from icpshap.data.layout import REGISTER
 from icpshap.errors import UserError
 from icpshap.estimators import KINDS
 from icpshap.estimators.perturb import Perturbation
@@ -43,6 +44,11 @@ class Sequence:
     @property
     def kind(self):
         return next(kind for kind in DATA_KINDS if getattr(self, kind) is not None)
+
+    @property
+    def registers(self):
+        """Whether ICP makes the poses."""
+        return self.folder is not None and self.folder.get("poses") == REGISTER
 
 
 MOST_SETTINGS = 100_000  # of a pair; the paper's grid has 1,331
@@ -378,11 +384,69 @@ def _sequence_inconsistencies(where, block):
     if block.get("simulated") is not None and "time" in block:
         yield (
             f"{where}.time: simulated scans have no columns, expected none. "
-            "Hint: leave it out; scan_order: tilt is the order in which they are measured"
+            "Hint: leave it out; scan_order (tilt, or azimuth of a spinning scanner) is the order "
+            "in which they are measured"
         )
+    if block.get("simulated") is not None:
+        yield from _simulated_inconsistencies(f"{where}.simulated", block["simulated"])
+    if block.get("folder") is not None:
+        yield from _folder_inconsistencies(where, block)
     archive = block.get("archive")
     if archive is not None and not {"url", "path"} & set(archive):
         yield f"{where}.archive: expected url, or path for a ZIP on disk"
+
+
+def _simulated_inconsistencies(where, block):
+    if block.get("rings") is None:
+        if block["beams"] > schema.TILTING_BEAMS:
+            yield (
+                f"{where}.beams: {block['beams']}, expected at most {schema.TILTING_BEAMS}, which "
+                "the tilting laser has. Hint: fewer, or rings for a spinning scanner"
+            )
+        if block.get("speed"):
+            yield (
+                f"{where}.speed: the tilting laser stands while it scans. "
+                "Hint: leave it out, or give rings for a spinning scanner"
+            )
+
+
+def _folder_inconsistencies(where, block):
+    folder, scans = block["folder"], block["scans"]
+    where = f"{where}.folder"
+    columns = folder.get("columns")
+    if columns is not None and (missing := [axis for axis in "xyz" if axis not in columns]):
+        yield (
+            f"{where}.columns: no {', '.join(missing)} among {', '.join(columns)}, expected x, y "
+            "and z. Hint: the others may be called as you like"
+        )
+    if columns is not None and block.get("time") not in (None, *columns):
+        yield (
+            f"{where}.columns: no {block['time']}, which is the `time` of the sequence. "
+            "Hint: call the column of the times so"
+        )
+    files = folder.get("files")
+    if files is not None and len(files) != scans:
+        yield (
+            f"{where}.files: {len(files)} files, expected as many as `scans: {scans}`. "
+            "Hint: list every scan once, in order"
+        )
+    registers = folder.get("poses") == REGISTER
+    if "guess" in folder and not registers:
+        yield (
+            f"{where}.guess: expected with `poses: {REGISTER}` alone, where ICP starts from it. "
+            "Hint: leave it out, or set poses so"
+        )
+    if "quaternion" in folder and registers:
+        yield (
+            f"{where}.quaternion: expected with a pose file alone, and `poses: {REGISTER}` is "
+            "none. Hint: leave it out"
+        )
+    guess = folder.get("guess")
+    if isinstance(guess, list) and len(guess) not in (12, 16):
+        yield (
+            f"{where}.guess: {len(guess)} numbers, expected 12 or 16, the rows of the 3x4 or 4x4 "
+            "matrix one after the other"
+        )
 
 
 def _estimator_inconsistencies(name, estimators):
@@ -431,6 +495,14 @@ def _estimator_inconsistencies(name, estimators):
             f"kind {kind} does not return, or noise draws, of which there is one. "
             "Hint: use none, or more noise_draws"
         )
+    if preset.estimator.perturbing.voxel_size is not None:
+        for cause in preset.estimator.causes.values():
+            if cause.replaces:
+                yield (
+                    f"estimators.{name}.voxel_size: the grid keeps points of the raw scans, which "
+                    f"{cause.name} replaces by others. Hint: overlap_removal: raw, or leave out "
+                    "voxel_size"
+                )
     owners = (preset.estimator.kind, *preset.estimator.causes.values())
     for conflict in filter(None, (owner.conflict for owner in owners)):
         yield f"estimators.{name}.{conflict}"

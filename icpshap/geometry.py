@@ -23,6 +23,23 @@ def normals(points, neighbours):
     return vectors[:, :, 0]
 
 
+def nearest_to_cell_centres(points, side):
+    """Mask (n,) of the one point of each cell of a voxel grid that is nearest to its centre.
+
+    The grid's corners lie at whole multiples of `side` [m] in the frame of points (n, 3) [m]; of
+    equally near points the first.
+    """
+    cells = np.floor(points / side)
+    distance = np.square(points / side - cells - 0.5).sum(axis=1)
+    order = np.lexsort((distance, *cells.T))
+    cells = cells[order]
+    first = np.ones(len(points), dtype=bool)
+    first[1:] = (cells[1:] != cells[:-1]).any(axis=1)
+    mask = np.zeros(len(points), dtype=bool)
+    mask[order[first]] = True
+    return mask
+
+
 def root_mean_square_distance(points):
     """Root mean square distance of points (n, 3) from their centroid; NaN for none."""
     if len(points) == 0:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from icpshap import options, presets
 from icpshap.causes import CAUSES, named
+from icpshap.data.layout import ORDERS
 from icpshap.estimators import KINDS
 from icpshap.estimators.perturb import Perturbation
 from icpshap.options import REQUIRED, option
@@ -17,6 +18,7 @@ TITLE = {"type": "string", "pattern": rf"^[^\x00-\x1f\x7f]*{END}", "maxLength": 
 NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1, "uniqueItems": True}
 FIGURES = ("summary", "waterfall", "dependence", "interactions", "directions", "pairs")
 MOST_LEVELS = 1000  # of one cause
+TILTING_BEAMS = 367_540  # of a full scan of the simulated tilting laser
 SCENES = ("apartment", "stairwell", "plain")
 
 
@@ -50,7 +52,39 @@ class Folder:
     """Keys of `folder`."""
 
     path: str = option(REQUIRED, "The folder")
-    poses: str = option(None, "The pose file in it; found by name when absent")
+    poses: str = option(
+        None,
+        "The pose file in it, found by name when absent; or register: ICP registers consecutive "
+        "scans, and its answers are taken as the truth",
+    )
+    files: list = option(
+        None,
+        "The scan files in it, in their order; found by name when absent",
+        schema={**NAMES, "minItems": 2},
+    )
+    columns: list = option(
+        None,
+        "What the columns of scan files are that do not say so, among them x, y and z; absent: x, "
+        "y and z come first. For nuScenes [x, y, z, intensity, ring]",
+        schema={**NAMES, "minItems": 3, "maxItems": 1000},
+    )
+    quaternion: str = option(
+        None,
+        "Order of the quaternions in a TUM file; absent: xyzw, or what the file or the scans say",
+        choices=ORDERS,
+    )
+    guess: str = option(
+        None,
+        "With poses: register, where ICP starts: T_reference_source of two consecutive scans as 12 "
+        "or 16 numbers, row by row; or a file in the folder with one, or one for each two scans. "
+        "Absent: no motion",
+        schema={
+            "oneOf": [
+                {"type": "string", "minLength": 1},
+                {"type": "array", "items": {"type": "number"}, "minItems": 12, "maxItems": 16},
+            ]
+        },
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,9 +94,33 @@ class Simulated:
     scene: str = option(REQUIRED, "The scene", choices=SCENES)
     beams: int = option(
         REQUIRED,
-        "Laser beams of a scan, out of 367540; a few return no point, of the sky none",
+        f"Laser beams of a scan, of the tilting laser drawn out of its {TILTING_BEAMS}; a few "
+        "return no point, of the sky none",
         minimum=1000,
-        maximum=367540,
+        maximum=1_000_000,
+    )
+    rings: int | None = option(
+        None,
+        "Rings of a spinning scanner, over 45 degrees, with equally many beams each; null: a "
+        "tilting laser",
+        minimum=16,
+        maximum=128,
+    )
+    range_noise: float | None = option(
+        None,
+        "Standard deviation of a range; null: 0.01 below and 0.03 above 10 m for the tilting "
+        "laser, 0.02 for the spinning scanner",
+        unit="m",
+        minimum=0,
+        maximum=1,
+    )
+    speed: float = option(
+        0.0,
+        "Speed ahead while the spinning scanner turns, ten times a second, which distorts a scan; "
+        "its pose is that of the middle of the turn",
+        unit="m/s",
+        minimum=0,
+        maximum=50,
     )
 
 
@@ -78,7 +136,7 @@ class Sequence:
     title: str = option(None, "Name in tables and figures; the key when absent", schema=TITLE)
     scans: int = option(
         REQUIRED,
-        "Number of scans, numbered from 0. A pose file with another number of poses is an error",
+        "Number of scans, numbered from 0. A pose file without a pose for each is an error",
         minimum=2,
         maximum=1_000_000,
     )
@@ -105,7 +163,7 @@ class Sequence:
     )
     simulated: dict = option(
         None,
-        "Scans of a built-in scene by a simulated tilting laser; null to unset",
+        "Scans of a built-in scene by a simulated laser scanner; null to unset",
         schema=_unsettable(Simulated),
     )
 

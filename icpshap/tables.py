@@ -237,6 +237,16 @@ def _poses(causes):
     ]
 
 
+def _registrations(causes):
+    return [
+        *_INDICES,
+        *_columns(TRANSFORM, "float64", "", "entry of T_reference_source, in m"),
+        Column("iterations", "int32", "", "iterations of ICP, of all its stages"),
+        Column("rmse", "float64", "m", "root mean square of the kept links"),
+        Column("overlap", "float64", "", "share of source points near the reference"),
+    ]
+
+
 def _overlap(causes):
     return [Column("overlapping", "bool", "", "a reference point is near this source point")]
 
@@ -298,6 +308,52 @@ def _estimates(causes):
         ),
         *_END,
         Column("n_far", "int32", "", _FAR),
+    ]
+
+
+def _fit_numbers(causes):
+    """What `fit.measure` finds of a pair."""
+
+    def number(name, unit, description):
+        return Column(name, "float64", unit, description)
+
+    return [
+        *_PAIR,
+        number("minimum_range", "m", "the option"),
+        number("voxel_size", "m", "the option; NaN for none"),
+        number("subsampling_probability", "", "the option"),
+        number("neighbours", "", "of a normal; NaN where the estimator has none, as what follows"),
+        number("normal_radius", "m", "median radius of the neighbourhoods that give normals"),
+        number("line_share", "", "share of them that lie on a line"),
+        number("ring_share", "", "share of them on a line as the scanner sees them: on one ring"),
+        number("mending_voxel", "m", "voxel side with which few would; NaN for none"),
+        number("mending_neighbours", "", "and neighbours; NaN where nothing mends it, or needs to"),
+        number("largest_noise", "m", "largest level of the sensor noise; NaN where it is a factor"),
+        number("source_points", "", "of a run with all causes at their largest, in the mean"),
+        number("reference_points", "", "that a clean run is registered on"),
+        number("overlap", "", "overlap ratio O = N / |P1|"),
+        number("overlap_distance", "m", "the option"),
+        number("matched_distance", "m", "within which three quarters of what both scans see lie"),
+        number("duplicate_share", "", "share of points that lie where another one does"),
+        number("nearest_return", "m", "range of the nearest return of both scans"),
+        number("typical_range", "m", "median range of both scans"),
+        number("removed_share", "", "share of the points within the minimum range"),
+        number("motion", "m", "length of the true translation"),
+        number("median_distance", "m", "of source points from the reference at the true pose"),
+        Column("pose_is_wrong", "bool", "", "no motion or the inverse one fits better"),
+    ]
+
+
+def _fit(causes):
+    return [
+        *_PAIR,
+        Column("check", "string", "", "name of the check"),
+        Column("value", "float64", "unit", "the number"),
+        Column("unit", "string", "", "its unit; - for none"),
+        Column("expected", "string", "", "what is right"),
+        Column("grade", "string", "", "red: breaks an answer; remark: colours it; fits"),
+        Column("sentence", "string", "", "what was found"),
+        Column("remedy", "string", "", "the change that mends it, not tried; empty where it fits"),
     ]
 
 
@@ -396,6 +452,7 @@ def _shap(causes):
             "interval_over", "string", "", "runs, noise draws or replicates; empty: no interval"
         ),
         Column("no_interval", "string", "", "why there are no intervals; empty if there are"),
+        Column("misfit", "string", "", "what in the fit table breaks these numbers; empty if none"),
         *_REMARKS,
     ]
 
@@ -458,11 +515,14 @@ TABLES = {
     "scan": _scan,
     "timed_scan": _timed_scan,
     "poses": _poses,
+    "registrations": _registrations,
     "overlap": _overlap,
     "pairs": _pairs,
     "runs": _runs,
     "estimates": _estimates,
     "descriptors": _descriptors,
+    "fit_numbers": _fit_numbers,
+    "fit": _fit,
     "uncertainty": _uncertainty,
     "shap": _shap,
     "directions": _directions,

@@ -16,7 +16,8 @@ from icpshap.data.pair import Pair
 from icpshap.estimators.kind import COVARIANCES, SAMPLES, Kind, Returns
 from icpshap.explanation import games, shapley
 from icpshap.explanation.method import Method
-from icpshap.report.study import Study
+from icpshap.fit import checks
+from icpshap.report.study import PAIR, Study, pairs_of
 from icpshap.tables import INITIAL_XI, XI
 
 THREE = ("sensor_noise", "initial_pose", "partial_overlap")
@@ -177,6 +178,7 @@ def shap_table(levels=LEVELS, pairs=(("apartment", 6, 7),), seed=0):
         rotation_rmse=0.02,
         interval_over="runs",
         no_interval="",
+        misfit="",
         warning="",
         reason="",
     )
@@ -300,3 +302,38 @@ def pair_of_scans(points=3000):
         return found
 
     return Pair.measured(cloud(1.5), cloud(0.5), np.eye(4), 0.2)
+
+
+def fit_numbers(pairs, **changed):
+    """A fit_numbers table of pairs (rows of any table) that all fits, but for what is changed."""
+    numbers = {
+        "minimum_range": 1.0,
+        "voxel_size": np.nan,
+        "subsampling_probability": 0.05,
+        "neighbours": 7.0,
+        "normal_radius": 0.06,
+        "line_share": 0.0,
+        "ring_share": 0.01,
+        "mending_voxel": np.nan,
+        "mending_neighbours": np.nan,
+        "largest_noise": 0.05,
+        "source_points": 1800.0,
+        "reference_points": 36_000.0,
+        "overlap": 0.9,
+        "overlap_distance": 0.2,
+        "matched_distance": 0.05,
+        "duplicate_share": 0.0,
+        "nearest_return": 0.2,
+        "typical_range": 2.5,
+        "removed_share": 0.05,
+        "motion": 0.5,
+        "median_distance": 0.03,
+        "pose_is_wrong": False,
+    }
+    table = pairs_of(pairs)[PAIR].reset_index(drop=True)
+    return table.assign(**{**numbers, **changed})
+
+
+def fit_table(pairs, **changed):
+    """The fit table of the same."""
+    return checks.table(fit_numbers(pairs, **changed))

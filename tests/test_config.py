@@ -16,7 +16,7 @@ from icpshap.estimators import KINDS
 from icpshap.estimators.kind import COVARIANCES, Kind
 from icpshap.explanation.sample import FEWEST_RUNS
 from icpshap.options import option
-from icpshap.presets import PAPER, RELEASED_CODE, ROBUST, Preset
+from icpshap.presets import LIDAR, PAPER, RELEASED_CODE, ROBUST, Preset
 
 NAMES = ("sensor_noise", "initial_pose", "partial_overlap")
 
@@ -53,7 +53,12 @@ def test_the_paper_is_the_default(paper):
         "partial_overlap": (0.05,),
     }
     assert sum(len(pairs) for pairs in paper.experiments["same_perturbation"].pairs.values()) == 267
-    assert paper.estimators == {"paper": PAPER, "released_code": RELEASED_CODE, "robust": ROBUST}
+    assert paper.estimators == {
+        "paper": PAPER,
+        "released_code": RELEASED_CODE,
+        "robust": ROBUST,
+        "lidar": LIDAR,
+    }
 
 
 @pytest.mark.parametrize("name", ["all_causes", "demo", "estimators", "released_code", "robust"])
@@ -178,6 +183,36 @@ MISTAKES = [
     ("data.eth.folder", {"path": "x"}, "data.eth: expected exactly one of archive, folder, simu"),
     ("data.eth.archive", None, "data.eth: expected exactly one of archive, folder, simulated, fo"),
     ("data.eth.archive", {"bytes": 3}, "data.eth.archive: expected url, or path for a ZIP on disk"),
+    *(
+        ("data.own", {"scans": 3, **block}, f"data.own.folder.{said}")
+        for block, said in (
+            (
+                {"folder": {"path": "x", "columns": ["x", "y", "r"]}},
+                "columns: no z among x, y, r, expected x, y and z",
+            ),
+            (
+                {"folder": {"path": "x", "columns": ["x", "y", "z"]}, "time": "t"},
+                "columns: no t, which is the `time` of the sequence",
+            ),
+            (
+                {"folder": {"path": "x", "files": ["a.ply", "b.ply"]}},
+                "files: 2 files, expected as many as `scans: 3`",
+            ),
+            (
+                {"folder": {"path": "x", "guess": "guess.txt"}},
+                "guess: expected with `poses: register` alone",
+            ),
+            (
+                {"folder": {"path": "x", "poses": "register", "guess": [0] * 13}},
+                "guess: 13 numbers, expected 12 or 16",
+            ),
+            (
+                {"folder": {"path": "x", "poses": "register", "quaternion": "wxyz"}},
+                "quaternion: expected with a pose file alone",
+            ),
+            ({"folder": {"path": "x", "quaternion": "xywz"}}, "quaternion: unknown name 'xywz'"),
+        )
+    ),
     ("data.eth.archive.url", "ftp://x", "data.eth.archive.url: 'ftp://x' does not match"),
     ("data.Eth", {"scans": 3}, "'Eth' does not match"),
     ("estimators.paper.metric", "point_to_plan", "did you mean 'point_to_plane'?"),
@@ -229,6 +264,21 @@ MISTAKES = [
     ),
     ("data.figures", {"scans": 2, "folder": {"path": "x"}}, "data.figures: the name is taken"),
     ("data.tables", {"scans": 2, "folder": {"path": "x"}}, "data.tables: the name is taken"),
+    (
+        "data.apartment",
+        {"scans": 2, "archive": None, "simulated": {"scene": "plain", "beams": 400_000}},
+        "simulated.beams: 400000, expected at most 367540",
+    ),
+    (
+        "data.apartment",
+        {"scans": 2, "archive": None, "simulated": {"scene": "plain", "beams": 4000, "speed": 1}},
+        "simulated.speed: the tilting laser stands while it scans",
+    ),
+    (
+        "estimators.released_code.voxel_size",
+        0.2,
+        "released_code.voxel_size: the grid keeps points of the raw scans, which partial_overlap",
+    ),
     ("estimators.paper.runs", 49, "runs: 49 is less than the minimum of 50"),
     ("estimators.paper.runs", "1e-2", "runs: 0.01 is not of type 'integer'"),
     (
@@ -291,7 +341,7 @@ def test_every_key_of_the_estimator_has_a_comment_in_the_config():
 
 def test_the_presets_are_those_of_config_yaml(paper):
     """And `with_options` of nothing is the same preset again."""
-    for preset in (PAPER, RELEASED_CODE, ROBUST):
+    for preset in (PAPER, RELEASED_CODE, ROBUST, LIDAR):
         assert preset.with_options() == preset
     with pytest.raises(TypeError, match="runz: no options of the kind monte_carlo"):
         PAPER.with_options(runz=3)

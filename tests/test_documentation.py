@@ -211,6 +211,7 @@ def test_the_estimators_of_config_yaml_are_the_presets(paper):
         "paper": presets.PAPER,
         "released_code": presets.RELEASED_CODE,
         "robust": presets.ROBUST,
+        "lidar": presets.LIDAR,
     }
 
 
@@ -398,7 +399,7 @@ def extended(before, tmp_path_factory):
 @pytest.fixture(scope="module")
 def finished(extended, room_pair):
     """The extended code has run the configuration of the page, on small clouds."""
-    write_scans(extended.folder / "my_scans", room_pair, "scan_{}.xyz", sep=" ", header=False)
+    write_scans(extended.folder / "my_scans", room_pair, "scan_{}.asc", sep=" ", header=False)
     config = laid_over(my_extensions(), {"estimators": {"paper": SMALL}})
     (extended.folder / "my_extensions.yaml").write_text(yaml.safe_dump(config))
     extended.run("--configfile", "my_extensions.yaml")
@@ -509,14 +510,14 @@ def test_all_are_in_the_report(finished):
     ],
 )
 def test_the_format_is_strict(tmp_path, content, said):
-    path = tmp_path / "scan.xyz"
+    path = tmp_path / "scan.asc"
     path.write_text(content)
     with pytest.raises(settings.UserError, match=said):
         format_of_the_page()["read"](path)
 
 
 def test_the_format_leaves_rows_that_are_not_finite_in(tmp_path):
-    path = tmp_path / "scan.xyz"
+    path = tmp_path / "scan.asc"
     path.write_text("1 2 3\n\n 4\t5 nan \n")
     assert format_of_the_page()["read"](path) == pytest.approx(
         np.array([[1, 2, 3], [4, 5, np.nan]]), nan_ok=True
@@ -525,7 +526,7 @@ def test_the_format_leaves_rows_that_are_not_finite_in(tmp_path):
 
 def format_of_the_page():
     namespace = {}
-    exec(dict(named_blocks())["icpshap/data/formats/plain_text.py"], namespace)
+    exec(dict(named_blocks())["icpshap/data/formats/blank_separated.py"], namespace)
     return namespace
 
 

@@ -15,7 +15,7 @@ from snakemake.utils import update_config
 
 from benchmarks.faults.workplace import REPOSITORY
 from icpshap import config as configuration
-from icpshap.data.folder import find_folder_files
+from icpshap.data.folder import find_files
 from icpshap.jobs import digests, paths, start
 from icpshap.jobs.paths import at
 from icpshap.jobs.plans import Plans
@@ -44,9 +44,7 @@ def planner(config, whole=None):
     """The plans of a configuration mapping that is laid over the paper's."""
     loaded = configuration.load(whole or merged(config))
     files = {
-        key: find_folder_files(
-            sequence.folder["path"], sequence.scans, sequence.folder.get("poses")
-        )
+        key: find_files(sequence.folder, sequence.scans)
         for key, sequence in loaded.data.items()
         if sequence.kind == "folder" and key in loaded.sequences
     }

@@ -59,8 +59,13 @@ EDITS = {
     ("data", SEQUENCE, "time"): ("stamp", {"scan"}),
     ("data", SEQUENCE, "folder", "path"): ("others", {"scan", "poses"}),
     ("data", SEQUENCE, "folder", "poses"): ("poses_2.txt", {"poses"}),
+    ("data", SEQUENCE, "folder", "files"): (["s1.csv", "s0.csv", "s2.csv"], {"scan"}),
+    ("data", SEQUENCE, "folder", "columns"): (["y", "x", "z"], {"scan", "poses"}),
+    ("data", SEQUENCE, "folder", "quaternion"): ("wxyz", {"poses"}),
     ("data", ROOM, "simulated", "scene"): ("plain", {"simulated"}),
     ("data", ROOM, "simulated", "beams"): (4000, {"simulated"}),
+    ("data", ROOM, "simulated", "rings"): (16, {"simulated"}),
+    ("data", ROOM, "simulated", "range_noise"): (0.005, {"simulated"}),
     ("experiments", EXPERIMENT, "estimator"): ("robust", {"job"}),
     ("experiments", EXPERIMENT, "sequences"): (["own", ROOM], {"joined"}),
     ("experiments", EXPERIMENT, "pairs"): (
@@ -83,6 +88,8 @@ EDITS = {
 # Keys that the campaign's configuration cannot change alone.
 ELSEWHERE = {
     ("data", "archive"): "no archive is fetched",
+    ("data", "speed"): "the tilting laser has none",
+    ("data", "guess"): "it goes with `poses: register`",
     ("estimators", "kind"): "there is one kind",
     ("estimators", "sensor_sigma"): "by draws it needs ten of them",
     ("experiments", "estimators"): "it makes other experiments",
@@ -92,6 +99,8 @@ ELSEWHERE = {
 VALUES = {
     "runs": 80,
     "maximum_distance": 2.0,
+    "voxel_size": 0.1,
+    "normal_radius": 0.2,
     "maximum_iterations": 7,
     "noise_draws": 2,
     "reference_noise_additions": 2,

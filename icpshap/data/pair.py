@@ -90,13 +90,13 @@ def relative_pose(T_global_scan, reference, source):
     return se3.inverse(T_global_scan[reference]) @ T_global_scan[source]
 
 
-def describe_pair(pair, sequence, indices, *, levels, minimum_overlap, minimum_range):
+def describe_pair(pair, sequence, indices, *, levels, minimum_overlap, minimum_range, truth=""):
     """A row of the pairs table, by column.
 
     levels: cause and its largest level, for each that will be on; minimum_overlap: a pair whose
-    overlap ratio is not above it is not registered; minimum_range: the chain's [m]. Raises
-    DataError for a scan with too few points beyond the range, PerturbationError for a level that
-    cannot be applied to the pair.
+    overlap ratio is not above it is not registered; minimum_range: the chain's [m]; truth: what is
+    to be said of how the true pose was found. Raises DataError for a scan with too few points
+    beyond the range, PerturbationError for a level that cannot be applied to the pair.
     """
     reference, source = indices
     for index, points in ((reference, pair.reference), (source, pair.source)):
@@ -114,6 +114,7 @@ def describe_pair(pair, sequence, indices, *, levels, minimum_overlap, minimum_r
         pair.reference, pair.source, pair.T_reference_source, minimum_range
     )
     logging.info("overlap %.4f, median distance at the true pose %.4f m", pair.overlap, distance)
+    warning = "; ".join(filter(None, (warning, truth)))
     if pair.overlap > 1:
         more = (
             f"the overlap ratio is {pair.overlap:.2f}, above 1: the source has more points than the"

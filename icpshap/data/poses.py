@@ -6,10 +6,11 @@ Nothing is corrected silently: whatever does not fit is a `DataError`.
 
 import re
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from icpshap.data import drives, quaternions
 from icpshap.data.files import readable
 from icpshap.data.layout import LEICA_NAME, MINIMUM_SCANS
 from icpshap.errors import DataError
@@ -18,12 +19,6 @@ ROTATION_TOLERANCE = 1e-4
 MAXIMUM_TRANSLATION = 1e7  # m; coordinates from the centre of the Earth are within
 MAXIMUM_BYTES = 2**26  # of a pose file: more than 100,000 poses
 NUMBER = r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?"
-QUATERNION = ["qx", "qy", "qz", "qw"]
-TUM_COLUMNS = f"timestamp tx ty tz {' '.join(QUATERNION)}"
-UPRIGHT = np.deg2rad(30)  # tilt of a scanner that stands on a vehicle or is carried
-ROLLED = np.deg2rad(45)  # change of tilt between poses
-OVER = np.deg2rad(120)  # tilt of a scanner that has rolled over
-NEAR = np.deg2rad(75)  # rotation from the identity, or from lying on its back
 LEICA_HEADER = [
     "poseId",
     "timestamp",
@@ -31,32 +26,161 @@ LEICA_HEADER = [
 ]
 
 
-def read_poses(path, scans):
+class Rows(NamedTuple):
+    """The poses of a file: their lines, and their numbers as far as the format is known."""
+
+    lines: list
+    values: np.ndarray  # (n, columns)
+    stamps: np.ndarray | None  # (n,) times of the poses, where the format has them
+    is_tum: bool
+
+    def at(self, places):
+        """Those at some places."""
+        stamps = None if self.stamps is None else self.stamps[places]
+        lines = [self.lines[place] for place in places]
+        return Rows(lines, self.values[places], stamps, self.is_tum)
+
+
+def read_poses(path, scans, names=None, quaternion=None, scan=None):
     """Poses T_global_local (scans, 4, 4) of a data-set, KITTI or TUM file.
 
     Data set: ``pose_scanner_leica.csv``. KITTI: rows of 12 or 16 numbers, row-major. TUM: rows of
-    ``timestamp tx ty tz qx qy qz qw``. Line k belongs to scan k. Raises DataError.
+    ``timestamp tx ty tz qx qy qz qw``. Line k belongs to scan k; in a file of more poses than
+    scans, the one that the scan's file name says (``names``; see `drives`).
+
+    Of two scans, the file may instead hold T_reference_source, source onto reference, alone: a 3x4
+    or 4x4 matrix, in one line or in its own. The first scan's frame is then the global one.
+
+    quaternion: their order, one of `layout.ORDERS`; scan: function of an index that reads points
+    (n, 3), by which it is found out where it is not said (`quaternions`). Raises DataError.
     """
     path = Path(path)
     rows, comments = _read_rows(path)
     if not rows:
         raise DataError(f"{path}: no poses.", "the file is empty; get or export it again.")
-    if rows[0][1][0] == "poseId":
-        lines, poses = _leica_poses(path, rows)
-    else:
-        lines, poses = _plain_poses(path, rows, comments)
-    for line, pose in zip(lines, poses, strict=True):
-        _check_pose(f"{path}, line {line}", pose)
-    if len(poses) != scans:
+    if len(rows[0][1]) == 4 and scans != 2:
         raise DataError(
-            f"{path}: {len(poses)} poses, but the configuration says `scans: {scans}`.",
-            f"a pose is needed for every scan; if the file is right, change `scans: {scans}` to"
-            f" `scans: {len(poses)}` in this sequence's entry under `data`."
-            if len(poses) >= MINIMUM_SCANS
-            else f"a pose is needed for every scan, and at least {MINIMUM_SCANS} scans; the file"
-            " may be cut off.",
+            f"{path}: one transform, but the configuration says `scans: {scans}`.",
+            "a pose is needed for every scan, of 12 or 16 numbers a line.",
         )
+    if _is_transform(rows, scans):
+        return np.stack([np.eye(4), _transform(path, rows)])
+    found = _rows(path, rows)
+    if len(found.lines) > scans and names is not None:
+        found = found.at(drives.lines_of_scans(path, len(found.lines), found.stamps, names))
+    if len(found.lines) != scans:
+        raise _wrong_number(path, len(found.lines), scans)
+    poses = _matrices(path, found, comments, quaternion, scan)
+    for line, pose in zip(found.lines, poses, strict=True):
+        _check_pose(f"{path}, line {line}", pose)
     return poses
+
+
+def read_transforms(path):
+    """Transforms (n, 4, 4) T_reference_source of pairs, one or more: matrices, or KITTI rows.
+
+    Raises DataError.
+    """
+    path = Path(path)
+    rows, _ = _read_rows(path)
+    if not rows:
+        raise DataError(f"{path}: no transforms.", "the file is empty; get or export it again.")
+    if len(rows[0][1]) == 4:
+        return _transform(path, rows)[None]
+    found = _rows(path, rows)
+    if found.values.shape[1] not in (12, 16):
+        raise DataError(
+            f"{path}: {found.values.shape[1]} columns, expected 12 or 16.",
+            "write the rows of a 3x4 or 4x4 matrix T_reference_source one after the other.",
+        )
+    transforms = _of_rows(found.values)
+    for line, transform in zip(found.lines, transforms, strict=True):
+        _check_pose(f"{path}, line {line}", transform)
+    return transforms
+
+
+def transform_of(values, where):
+    """The transform (4, 4) of 12 or 16 numbers, row-major. Raises DataError if it is none."""
+    transform = _of_rows(np.array([values], dtype=float))[0]
+    _check_pose(where, transform)
+    return transform
+
+
+def _is_transform(rows, scans):
+    """Whether a file has one matrix: in its own lines, or one line in place of two poses."""
+    width = len(rows[0][1])
+    return width == 4 or (len(rows) == 1 and scans == 2 and width in (12, 16))
+
+
+def _transform(path, rows):
+    """T_reference_source (4, 4) of a file that has nothing else."""
+    width = len(rows[0][1])
+    lines, values = _numbers(path, rows, [str(column + 1) for column in range(width)])
+    if width == 4 and len(values) not in (3, 4):
+        raise DataError(
+            f"{path}: {len(values)} rows of 4 numbers, expected 3 or 4, of one matrix.",
+            "give one matrix T_reference_source for two scans, or a pose for each scan, of 12 or 16"
+            " numbers a line.",
+        )
+    transform = _of_rows(values.reshape(1, -1))[0]
+    _check_pose(f"{path}, line {lines[0]}", transform)
+    if (transform == np.eye(4)).all():
+        # What a drive begins with.
+        raise DataError(
+            f"{path}: 1 poses, but the configuration says `scans: 2`; taken for the transform"
+            " from one scan to the other, it says that the scanner did not move.",
+            "a pose is needed for every scan, and at least 2 scans; the file may be cut off. One"
+            " transform T_reference_source does for two.",
+        )
+    return transform
+
+
+def _of_rows(values):
+    """Matrices (n, 4, 4) of rows (n, 12) or (n, 16)."""
+    poses = np.tile(np.eye(4), (len(values), 1, 1))
+    poses[:, : values.shape[1] // 4] = values.reshape(len(values), -1, 4)
+    return poses
+
+
+def _wrong_number(path, poses, scans):
+    return DataError(
+        f"{path}: {poses} poses, but the configuration says `scans: {scans}`.",
+        f"a pose is needed for every scan; if the file is right, change `scans: {scans}` to"
+        f" `scans: {poses}` in this sequence's entry under `data`."
+        if poses >= MINIMUM_SCANS
+        else f"a pose is needed for every scan, and at least {MINIMUM_SCANS} scans; the file"
+        " may be cut off.",
+    )
+
+
+def _rows(path, rows):
+    """The `Rows` of a file."""
+    if rows[0][1][0] == "poseId":
+        return _leica_rows(path, rows)
+    width = len(rows[0][1])
+    if width not in (8, 12, 16):
+        raise DataError(
+            f"{path}, line {rows[0][0]}: {width} columns; expected 12 or 16 (KITTI), 8 (TUM) or the"
+            f" header of {LEICA_NAME}.",
+            "write one pose a line in one of these formats; or, for two scans, one 4x4 matrix"
+            " T_reference_source.",
+        )
+    lines, values = _numbers(path, rows, [str(column + 1) for column in range(width)])
+    if width != 8:
+        return Rows(lines, values, None, False)
+    _check_tum(path, lines, values)
+    return Rows(lines, values, values[:, 0], True)
+
+
+def _matrices(path, rows, comments, quaternion, scan):
+    """Poses (n, 4, 4) of `Rows`."""
+    if not rows.is_tum:
+        return _of_rows(rows.values)
+    translations, numbers = rows.values[:, 1:4], rows.values[:, 4:]
+    order = quaternions.order_of(
+        path, rows.lines[0], comments, translations, numbers, quaternion, scan
+    )
+    return quaternions.matrices(translations, numbers, order)
 
 
 def _read_rows(path):
@@ -86,7 +210,7 @@ def _read_rows(path):
     return rows, comments
 
 
-def _leica_poses(path, rows):
+def _leica_rows(path, rows):
     (header_line, header), rows = rows[0], rows[1:]
     if header != LEICA_HEADER:
         raise DataError(
@@ -101,26 +225,11 @@ def _leica_poses(path, rows):
                 f"{path}, line {line}: poseId {pose_id:g}, expected {expected}.",
                 "ids count from 0 without gaps, one line a scan; restore the missing line.",
             )
-    return lines, values[:, 2:].reshape(-1, 4, 4)
+    return Rows(lines, values[:, 2:], None, False)
 
 
-def _plain_poses(path, rows, comments):
-    width = len(rows[0][1])
-    if width not in (8, 12, 16):
-        raise DataError(
-            f"{path}, line {rows[0][0]}: {width} columns; expected 12 or 16 (KITTI), 8 (TUM) or the"
-            f" header of {LEICA_NAME}.",
-            "write one pose a line in one of these formats.",
-        )
-    lines, values = _numbers(path, rows, [str(column + 1) for column in range(width)])
-    if width == 8:
-        return lines, _tum_matrices(path, lines, values, comments)
-    poses = np.tile(np.eye(4), (len(values), 1, 1))
-    poses[:, : width // 4] = values.reshape(-1, width // 4, 4)
-    return lines, poses
-
-
-def _tum_matrices(path, lines, values, comments):
+def _check_tum(path, lines, values):
+    """Raise DataError unless timestamps increase and quaternions have the norm 1."""
     for line, step in zip(lines[1:], np.diff(values[:, 0]), strict=True):
         if step <= 0:
             raise DataError(
@@ -135,57 +244,8 @@ def _tum_matrices(path, lines, values, comments):
             raise DataError(
                 f"{path}, line {line}: quaternion of norm {norm:.6g}, expected 1 within"
                 f" {ROTATION_TOLERANCE:g}.",
-                f"columns are {TUM_COLUMNS}.",
+                f"columns are {quaternions.TUM_COLUMNS}.",
             )
-    if not _order_is_said(path, comments):
-        _require_scalar_last(path, lines[0], values[:, 4:])
-    poses = np.tile(np.eye(4), (len(values), 1, 1))
-    poses[:, :3, :3] = Rotation.from_quat(values[:, 4:]).as_matrix()
-    poses[:, :3, 3] = values[:, 1:4]
-    return poses
-
-
-def _order_is_said(path, comments):
-    """Whether a comment names the columns in their order. Raises DataError for another order."""
-    for line, words in comments:
-        named = [word for word in words if word in QUATERNION]
-        if sorted(named) == sorted(QUATERNION):
-            if named != QUATERNION:
-                raise DataError(
-                    f"{path}, line {line}: the columns are {' '.join(named)}, expected"
-                    f" {' '.join(QUATERNION)}.",
-                    f"reorder them; columns are {TUM_COLUMNS}.",
-                )
-            return True
-    return False
-
-
-def _require_scalar_last(path, line, quaternions):
-    """Raise DataError if only the order qw qx qy qz makes sense of quaternions (n, 4).
-
-    Angles between poses do not tell: they are the same in both orders. What tells is where up is.
-    Read with qw first, the scanner must stay upright in all poses, without being so in the order
-    qx qy qz qw, in which it
-
-    - either rolls over between the poses,
-    - or lies on its back in all of them, turned about x by nearly half a turn. A scanner may hang
-      so; but on its way it turns about the vertical (qy) far more than it rolls (qw).
-    """
-    a, b, c, d = (quaternions * np.where(quaternions[:, :1] < 0, -1, 1)).T
-    tilt = np.arccos(np.clip(1 - 2 * (a**2 + b**2), -1, 1))
-    tilt_scalar_first = np.arccos(np.clip(1 - 2 * (b**2 + c**2), -1, 1))
-    if tilt_scalar_first.max() > UPRIGHT or tilt.max() <= UPRIGHT:
-        return
-    rolls_over = np.ptp(tilt) > ROLLED and tilt.max() > OVER
-    on_its_back = a.min() > np.cos(NEAR / 2) and np.ptp(b) <= 2 * np.ptp(d)
-    if rolls_over or on_its_back:
-        raise DataError(
-            f"{path}, line {line}: read as {' '.join(QUATERNION)}, the scanner"
-            f" {'rolls over between the poses' if rolls_over else 'lies on its back'}; read as qw"
-            " qx qy qz, it is upright in all of them.",
-            f"columns are {TUM_COLUMNS}: move qw to the end. If it is there already, say so in a"
-            f" line at the top: # {TUM_COLUMNS}",
-        )
 
 
 def _numbers(path, rows, names):

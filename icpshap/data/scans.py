@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from icpshap.data.files import readable
-from icpshap.data.formats import READERS, TIMED_READERS
+from icpshap.data.formats import COLUMN_READERS, READERS, TIMED_READERS, suffix_of
+from icpshap.data.formats._lines import AXES
 from icpshap.errors import DataError
 
 MINIMUM_POINTS = 1000
@@ -17,27 +18,28 @@ MAXIMUM_COORDINATE = 1e5  # m; no scanner sees so far, and few maps begin so nea
 SCAN_SUFFIXES = tuple(READERS)
 
 
-def read_scan(path, drop_non_finite=False):
+def read_scan(path, drop_non_finite=False, columns=None):
     """Points (n, 3) float64 [m] of a scan file, and how many rows were dropped as not finite.
 
-    The suffix of ``path``, one of SCAN_SUFFIXES in lower or upper case, says the format. Rows that
-    are not finite are an error unless ``drop_non_finite``. Raises DataError.
+    The suffix of ``path``, one of SCAN_SUFFIXES in lower or upper case, says the format;
+    ``columns`` names all columns of a file that does not. Rows that are not finite are an error
+    unless ``drop_non_finite``. Raises DataError.
     """
-    return _finite(Path(path), READERS, (), drop_non_finite)
+    return _finite(Path(path), (), drop_non_finite, columns)
 
 
-def read_timed_scan(path, time, drop_non_finite=False):
+def read_timed_scan(path, time, drop_non_finite=False, columns=None):
     """The same with the times (n,) of the points, in the column that the file calls ``time``.
 
     (points, times, dropped); times are None if ``time`` is. They are in any unit, and the rows in
     any order; all at one time is a DataError.
     """
     if time is None:
-        points, dropped = read_scan(path, drop_non_finite)
+        points, dropped = read_scan(path, drop_non_finite, columns)
         return points, None, dropped
     path = Path(path)
-    columns, dropped = _finite(path, TIMED_READERS, (time,), drop_non_finite)
-    points, times = np.ascontiguousarray(columns[:, :3]), columns[:, 3].copy()
+    values, dropped = _finite(path, (time,), drop_non_finite, columns)
+    points, times = np.ascontiguousarray(values[:, :3]), values[:, 3].copy()
     if len(times) and times.min() == times.max():
         raise DataError(
             f"{path}: all {len(times)} values in the column {time} are {times[0]:g}, expected the"
@@ -48,21 +50,11 @@ def read_timed_scan(path, time, drop_non_finite=False):
     return points, times, dropped
 
 
-def _finite(path, readers, more, drop_non_finite):
+def _finite(path, more, drop_non_finite, columns):
     """Finite rows (n, 3 or 4) of x, y, z and of `more`, and how many were dropped."""
-    suffix = path.suffix.lower()
-    if suffix not in SCAN_SUFFIXES:
-        raise DataError(
-            f"{path}: no scan format of this name.", f"use one of {', '.join(SCAN_SUFFIXES)}."
-        )
-    if suffix not in readers:
-        raise DataError(
-            f"{path}: {suffix} files are read without times, expected a format that has a column"
-            f" {more[0]}.",
-            f"use one of {', '.join(readers)}, or leave out `time` of the sequence.",
-        )
+    read = _reader(path, more, columns)
     with readable(path):
-        points = readers[suffix](path, *more)
+        points = read(path)
     if not len(points):
         raise DataError(f"{path}: no points.", "get or export the file again.")
     finite = np.isfinite(points).all(axis=1)
@@ -77,6 +69,31 @@ def _finite(path, readers, more, drop_non_finite):
     points = points[finite] if dropped else points
     _require_metres(path, points[:, :3], finite)
     return points, dropped
+
+
+def _reader(path, more, columns):
+    """Function of a `Path` that reads x, y, z and `more` of a file of its format."""
+    suffix = suffix_of(path)
+    if suffix not in SCAN_SUFFIXES:
+        raise DataError(
+            f"{path}: no scan format of this name.", f"use one of {', '.join(SCAN_SUFFIXES)}."
+        )
+    if columns is not None:
+        if suffix not in COLUMN_READERS:
+            raise DataError(
+                f"{path}: {suffix} files name their columns themselves, expected a format that does"
+                f" not: {', '.join(COLUMN_READERS)}.",
+                "leave out `columns` of the folder.",
+            )
+        return lambda path: COLUMN_READERS[suffix](path, list(columns), (*AXES, *more))
+    readers = TIMED_READERS if more else READERS
+    if suffix not in readers:
+        raise DataError(
+            f"{path}: {suffix} files are read without times, expected a format that has a column"
+            f" {more[0]}.",
+            f"use one of {', '.join(readers)}, or leave out `time` of the sequence.",
+        )
+    return lambda path: readers[suffix](path, *more)
 
 
 def _require_metres(path, points, finite):

@@ -1,8 +1,10 @@
-"""Simulated scans of built-in scenes by a tilting 2D laser, with exact poses.
+"""Simulated scans of built-in scenes by a laser scanner, with exact poses.
 
-The laser is like a Hokuyo UTM-30LX: a fan of 270 degrees, swept by a tilt about its lateral axis,
-30 m range, range noise, dropouts, and returns from the robot that carries it. The scanner frame has
-x forward, y to the left, z up. Rays are cast by Open3D's RaycastingScene.
+Tilting, like a Hokuyo UTM-30LX: a fan of 270 degrees, swept by a tilt about its lateral axis, 30 m
+range, and returns from the robot that carries it. Spinning, like an Ouster OS1: rings over 45
+degrees, 100 m range, ten turns a second, on a mast from which it sees no robot; it may move ahead
+while it turns. Both have range noise and dropouts. The scanner frame has x forward, y to the left,
+z up. Rays are cast by Open3D's RaycastingScene.
 """
 
 from collections.abc import Callable
@@ -22,6 +24,10 @@ TILT = np.deg2rad(75.0)  # up and down
 MINIMUM_RANGE, MAXIMUM_RANGE = 0.1, 30.0  # m
 RANGE_NOISE = (0.01, 0.03)  # m, standard deviation below and above 10 m (UTM-30LX data sheet)
 DROPOUTS = 0.01  # share of the beams that return nothing
+RING_SPREAD = np.deg2rad(45.0)  # between the lowest and the highest ring, the horizon amid them
+RING_RANGE = (0.5, 100.0)  # m
+RING_NOISE = 0.02  # m
+TURN = 0.1  # s
 STEP = (0.3, 0.7)  # m of path between consecutive scans
 ATTITUDE_NOISE = np.deg2rad([1.0, 1.0, 5.0])  # roll, pitch, yaw about the path's direction
 SENSOR_HEIGHT = 1.0  # m above the ground
@@ -52,13 +58,24 @@ def simulate_poses(scene, scans, seed):
     return _poses(SCENES[scene].path, scans, _generator(seed, scene, "motion"))
 
 
-def simulate_scan(scene, index, T_global_scan, beams, seed, range_noise=RANGE_NOISE):
+def simulate_scan(
+    scene, index, T_global_scan, beams, seed, range_noise=None, rings=None, speed=0.0
+):
     """Points (n, 3) [m] of scan ``index`` of a scene, in its scanner's frame.
 
-    ``beams`` beams are drawn out of a full scan, as one thins a cloud at random; n is less, since
-    some are dropped, and the sky returns none. range_noise [m]: standard deviation of a range below
-    and above 10 m. Raises UserError for more beams than a full scan has.
+    rings: of a spinning scanner; None for the tilting laser, of which ``beams`` beams are drawn out
+    of a full scan, as one thins a cloud at random. n is less, since some are dropped, and the sky
+    returns none. range_noise [m]: standard deviation of a range, of the tilting laser below and
+    above 10 m; None for what the scanner has. speed [m/s]: along x while the spinning scanner
+    turns; T_global_scan is its pose in the middle of the turn. Raises UserError for more beams than
+    a full scan has.
     """
+    open3d = load_open3d()
+    world = _raycaster(open3d, SCENES[scene].build(open3d))
+    if rings is not None:
+        generator = _generator(seed, scene, f"spinning/{index}")
+        noise = RING_NOISE if range_noise is None else range_noise
+        return _turn(world, rings, beams // rings, T_global_scan, generator, noise, speed)
     full = _beam_directions()
     if beams > len(full):
         raise UserError(
@@ -66,10 +83,9 @@ def simulate_scan(scene, index, T_global_scan, beams, seed, range_noise=RANGE_NO
         )
     generator = _generator(seed, scene, f"laser/{index}")
     drawn = np.sort(generator.choice(len(full), beams, replace=False))
-    open3d = load_open3d()
-    world = _raycaster(open3d, SCENES[scene].build(open3d))
     robot = _raycaster(open3d, _robot(open3d))
-    return _scan(world, robot, full[drawn], T_global_scan, generator, range_noise)
+    noise = RANGE_NOISE if range_noise is None else np.broadcast_to(range_noise, 2)
+    return _scan(world, robot, full[drawn], T_global_scan, generator, noise)
 
 
 def _generator(seed, scene, name):
@@ -104,6 +120,30 @@ def _scan(world, robot, directions, T_global_scan, generator, range_noise):
     )
     ranges += noise * np.where(ranges < 10.0, *range_noise)
     returned = (ranges > MINIMUM_RANGE) & (ranges < MAXIMUM_RANGE) & ~dropped
+    return ranges[returned, None] * directions[returned]
+
+
+def _turn(world, rings, columns, T_global_scan, generator, range_noise, speed):
+    """Points (n, 3) in the scanner frame of one turn, column by column from behind.
+
+    As a scanner's driver has them that knows nothing of its motion: of each column in the frame
+    that the scanner has then.
+    """
+    elevation = np.linspace(RING_SPREAD / 2, -RING_SPREAD / 2, rings)
+    azimuth = np.pi - 2 * np.pi * np.arange(columns)[:, None] / columns
+    parts = np.broadcast_arrays(
+        np.cos(elevation) * np.cos(azimuth),
+        np.cos(elevation) * np.sin(azimuth),
+        np.sin(elevation) + 0 * azimuth,
+    )
+    directions = np.stack(parts, axis=-1).reshape(-1, 3)
+    time = np.repeat(TURN * ((np.arange(columns) + 0.5) / columns - 0.5), rings)
+    ahead = speed * time[:, None] * T_global_scan[:3, 0]
+    noise = generator.standard_normal(len(directions))
+    dropped = generator.random(len(directions)) < DROPOUTS
+    ranges = _cast(world, T_global_scan[:3, 3] + ahead, directions @ T_global_scan[:3, :3].T)
+    ranges += noise * range_noise
+    returned = (ranges > RING_RANGE[0]) & (ranges < RING_RANGE[1]) & ~dropped
     return ranges[returned, None] * directions[returned]
 
 

@@ -22,6 +22,14 @@ class ChainKind(Kind):
         minimum=3,
         maximum=50,
     )
+    normal_radius: float | None = option(
+        None,
+        "All points within this distance of a point give its normal, at least normal_neighbours of "
+        "them; null: no more than these",
+        unit="m",
+        above=0,
+        maximum=1e4,
+    )
     matches: int = option(
         3, "Reference points linked to each source point", unit="-", minimum=1, maximum=5
     )
@@ -57,6 +65,12 @@ class ChainKind(Kind):
         maximum=1e6,
     )
 
+    @property
+    def neighbourhood(self):
+        if self.metric == "point_to_point":
+            return None
+        return self.normal_neighbours, self.normal_radius or 0.0
+
     def chain(self):
         """The ICP chain that the options describe."""
         from icpshap import icp  # compiled code is loaded where it runs, not where options are read
@@ -71,6 +85,12 @@ class ChainKind(Kind):
                 self.maximum_iterations, self.stop_rotation, self.stop_translation
             ),
         )
+
+    def reference(self, points):
+        """The icp.Reference of points (n, 3) [m], with the normals that the options describe."""
+        from icpshap import icp
+
+        return icp.Reference(points, self.normal_neighbours, self.normal_radius)
 
     def from_truth(self, group, reference, start):
         """icp.Registrations of one run of a perturb.Start: from the true pose, with its first rows.

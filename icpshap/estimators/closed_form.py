@@ -104,9 +104,7 @@ class ClosedForm(ChainKind):
         return f"closed form, {self.metric.replace('_', ' ')}, {self.links} links"
 
     def estimate(self, group):
-        from icpshap import icp
-
-        reference = icp.Reference(group.reference, self.normal_neighbours)
+        reference = self.reference(group.reference)
         for same in perturb.alike(group.starts):
             run = self.from_truth(group, reference, same[0])
             T = run.T_reference_source[0]

@@ -52,7 +52,7 @@ class Fitness(ChainKind):
     def estimate(self, group):
         from icpshap import icp
 
-        reference = icp.Reference(group.reference, self.normal_neighbours)
+        reference = self.reference(group.reference)
         nearest = icp.Matcher(reference)
         for same in perturb.alike(group.starts):
             run = self.from_truth(group, reference, same[0])

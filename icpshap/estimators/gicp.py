@@ -88,6 +88,10 @@ class Gicp(Kind):
         scaled = " times the variance of the residuals" * (self.scale == "residuals")
         return f"inverse Hessian of generalised ICP{scaled}"
 
+    @property
+    def neighbourhood(self):
+        return self.neighbours, 0.0
+
     def estimate(self, group):
         reference = Planar.of(group.reference, self.neighbours)
         for same in perturb.alike(group.starts):

@@ -169,6 +169,11 @@ class Kind:
         """The number of noise draws below which its options cannot be what they say."""
         return 1
 
+    @property
+    def neighbourhood(self):
+        """Nearest neighbours and radius [m] that give its normals; None where it has none."""
+        return None
+
     def check_clean(self, runs):
         """Raise UserError if the runs of a clean setting (rows of their table) say nothing."""
 

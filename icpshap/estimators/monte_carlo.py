@@ -25,7 +25,7 @@ class MonteCarlo(OwnNoise, ChainKind, Runs):
 
         chain = self.chain()
         number = len(group.runs)
-        reference = icp.Reference(group.reference, self.normal_neighbours)
+        reference = self.reference(group.reference)
 
         def from_all(points, T_initial):
             every = np.arange(len(points))

@@ -12,7 +12,7 @@ they come as one `Group` for each noise draw.
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from typing import NamedTuple
 from zlib import crc32
 
@@ -22,6 +22,7 @@ from icpshap import se3
 from icpshap.causes.cause import HOOKS
 from icpshap.data.pair import Pair
 from icpshap.errors import PerturbationError
+from icpshap.geometry import nearest_to_cell_centres
 from icpshap.options import option
 from icpshap.plan import Setting
 
@@ -78,6 +79,14 @@ class Perturbing:
         unit="m",
         minimum=0,
         maximum=1e5,
+    )
+    voxel_size: float | None = option(
+        None,
+        "Of the points of both clouds in a cell of a voxel grid of this side, one is kept, the "
+        "nearest to its centre before anything moves; null keeps all",
+        unit="m",
+        above=0,
+        maximum=1e4,
     )
     subsampling_probability: float = option(
         0.05,
@@ -198,11 +207,10 @@ def groups(pair, settings, estimator, deviation, streams):
             )
 
 
-def require_points(pair, setting, estimator, streams):
-    """Raise PerturbationError if the causes of a setting leave a run fewer than FEWEST_POINTS.
+def points_of_a_run(pair, setting, estimator, streams):
+    """How many source points the causes of a setting leave a run, in the mean of its runs.
 
-    In the mean of its runs: single ones may have too few links, and are then left out. Counted on
-    the raw source, before anything moves its points.
+    Counted on the raw source, before anything moves its points.
     """
     draws = Draws(pair, estimator, None, streams)
     in_range = np.linalg.norm(pair.source, axis=1) > estimator.perturbing.minimum_range
@@ -210,8 +218,17 @@ def require_points(pair, setting, estimator, streams):
     for noise_draw, runs in enumerate(draws.shares()):
         usable = draws.kept(setting, "source", noise_draw) & in_range
         counts += [len(rows) for rows in draws.subsamples(usable, setting, runs)]
-    left = np.mean(counts)
+    return float(np.mean(counts))
+
+
+def require_points(pair, setting, estimator, streams):
+    """Raise PerturbationError if the causes of a setting leave a run fewer than FEWEST_POINTS.
+
+    In the mean of its runs: single ones may have too few links, and are then left out.
+    """
+    left = points_of_a_run(pair, setting, estimator, streams)
     if left < FEWEST_POINTS:
+        in_range = np.linalg.norm(pair.source, axis=1) > estimator.perturbing.minimum_range
         on = _on(estimator.causes.values(), setting)
         removing = [(cause, level) for cause, level in on if cause.hook() in ("keep", "thin")]
         raise PerturbationError(
@@ -358,8 +375,12 @@ class Draws:
                 )
 
     def kept(self, setting, scan, noise_draw):
-        """Mask of the raw rows of a scan that the causes leave."""
-        kept = np.ones(len(getattr(self.pair, scan)), dtype=bool)
+        """Mask of the raw rows of a scan that the voxel filter and the causes leave."""
+        side = self.perturbing.voxel_size
+        if side is None:
+            kept = np.ones(len(getattr(self.pair, scan)), dtype=bool)
+        else:
+            kept = _on_grid(self.pair, scan, side).copy()
         for cause, level in _on(self.keeping, setting):
             if scan in cause.scans:
                 kept &= cause.keep(self.pair, scan, level, noise_draw, self.streams)
@@ -418,6 +439,19 @@ class Draws:
         generator = self.streams.generator(f"subsample/{mask}")
         probability = self.perturbing.subsampling_probability
         return subsample(count, probability, generator).astype(np.int32)
+
+
+@lru_cache(maxsize=2)
+def _on_grid(pair, scan, side):
+    """Mask of the raw rows of a scan that a voxel grid of that side keeps, out of those in range.
+
+    On the clean cloud: noise moves no point into another cell, and no other takes the place of one
+    that is removed, so that settings differ by their causes alone.
+    """
+    points = getattr(pair, scan)
+    kept = np.linalg.norm(points, axis=1) > pair.minimum_range
+    kept[kept] = nearest_to_cell_centres(points[kept], side)
+    return kept
 
 
 def _on(causes, setting):

@@ -74,7 +74,7 @@ class Unscented(ClosedForm):
     def estimate(self, group):
         from icpshap import icp
 
-        reference = icp.Reference(group.reference, self.normal_neighbours)
+        reference = self.reference(group.reference)
         T_true = group.pair.T_reference_source
         for same in perturb.alike(group.starts):
             T_initial = [

@@ -248,6 +248,7 @@ def shap_table(replicates, instances, rows, off, method):
         "n_far": most_far(replicates, rows),
         "interval_over": "replicates" if len(replicates) > 1 else replicates[0].units,
         "no_interval": no_interval(replicates),
+        "misfit": "",  # known where the fit table is
         "warning": remarks_of_games(replicates, rows, n_used, n_right_basin, f_again, method),
     }
     explained = instances[["instance", *causes]].reset_index(drop=True)

@@ -225,9 +225,11 @@ def within(tree, x, y, z, radius, most, found, stack):
             continue
         if node < leaves and not has_extent(box, node):
             # Its points have neighbouring places, in the order of their indices.
+            last = node
             while node < leaves:
-                node *= 2
-            for k in range(leaf_start[node - leaves], leaf_start[node - leaves] + most):
+                node, last = 2 * node, 2 * last + 1
+            first, end = leaf_start[node - leaves], leaf_start[last - leaves + 1]
+            for k in range(first, min(first + most, end)):
                 found[count] = k
                 count += 1
             continue

@@ -1,7 +1,8 @@
 """Normals: the direction in which a point's nearest neighbours vary least.
 
 Idea: the eigenvector of the smallest eigenvalue of the neighbours' scatter matrix. Points are
-visited in tree order: the neighbour distances of one bound the search of the next.
+visited in tree order: the neighbour distances of one bound the search of the next. Neighbours are
+a number of the nearest, and all others within a radius.
 
 Exactness: the neighbours are those of the k-d tree; the eigenvector comes by Jacobi rotations,
 which are accurate to the last bits for matrices this small. The sign is arbitrary and does not
@@ -56,14 +57,15 @@ def _smallest_eigenvector(matrix, vectors):
 
 
 @jit
-def planes(tree, neighbours):
+def planes(tree, neighbours, radius):
     """Tangent planes (n, 4) in tree order: unit normal, and its product with the point [m].
 
-    From that many neighbours, the point itself included.
+    From that many neighbours, the point itself included, or from all within the radius [m] if these
+    are more.
     """
     n = tree.points.shape[0]
     result = np.empty((n, 4))
-    found = np.empty(neighbours, np.int32)
+    found = np.empty(max(neighbours, n if radius > 0.0 else 0), np.int32)
     distance = np.empty(neighbours)
     stack = np.empty(kdtree.STACK, np.int32)
     scatter = np.empty((3, 3))
@@ -81,13 +83,16 @@ def planes(tree, neighbours):
         kdtree.nearest(
             tree, point[0], point[1], point[2], neighbours, bound * bound, found, distance, 0, stack
         )
+        number = neighbours
+        if radius > 0.0 and distance[neighbours - 1] <= radius * radius:
+            number = kdtree.within(tree, point[0], point[1], point[2], radius, n, found, stack)
         for axis in range(3):
             mean[axis] = 0.0
-            for t in range(neighbours):
+            for t in range(number):
                 mean[axis] += tree.points[found[t], axis] - point[axis]
-            mean[axis] /= neighbours
+            mean[axis] /= number
         scatter[:] = 0.0
-        for t in range(neighbours):
+        for t in range(number):
             for axis in range(3):
                 difference[axis] = tree.points[found[t], axis] - point[axis] - mean[axis]
             for row in range(3):

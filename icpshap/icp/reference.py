@@ -48,12 +48,14 @@ class Reference:
     """A reference cloud to register against.
 
     points: (n, 3) [m] in the reference frame, after any range filter. ValueError unless finite.
-    normal_neighbours: neighbours of a point, itself included, that give its normal.
+    normal_neighbours: neighbours of a point, itself included, that give its normal; normal_radius
+    [m]: with all others within it, or None for no others.
     """
 
-    def __init__(self, points, normal_neighbours=7):
+    def __init__(self, points, normal_neighbours=7, normal_radius=None):
         points = checked_points(points, "reference cloud")
         self.normal_neighbours = normal_neighbours
+        self.normal_radius = normal_radius or 0.0
         self.mean = points.mean(axis=0)
         self._size = len(points)
         self._centred = points - self.mean
@@ -81,7 +83,7 @@ class Reference:
                 f"Normals from {self.normal_neighbours} neighbours need as many reference points; "
                 f"there are {len(self)}. Hint: use point-to-point ICP or fewer normal_neighbours."
             )
-        return planes(self.tree, self.normal_neighbours)
+        return planes(self.tree, self.normal_neighbours, self.normal_radius)
 
     @property
     def normals(self):

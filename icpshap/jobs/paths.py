@@ -7,9 +7,11 @@ RESOURCE = "resources/{sequence}/{part}.parquet"
 ARCHIVE_CACHE = "resources/{sequence}/archive"
 SCAN = RESOURCE.replace("{part}", "scan_{index}")
 POSES = RESOURCE.replace("{part}", "poses")
+REGISTRATION = "resources/{sequence}/registered/{reference}-{source}.parquet"
 OVERLAP = "resources/{sequence}/overlap/{reference}-{source}.parquet"
 
 PAIR = "results/{experiment}/{sequence}/pairs/{reference}-{source}.parquet"
+FIT_NUMBERS = "results/{experiment}/{sequence}/fit_numbers.parquet"
 RUNS = "results/{experiment}/{sequence}/runs/{job}.parquet"
 ESTIMATES = "results/{experiment}/{sequence}/estimates/{job}.parquet"
 OF_SEQUENCE = "results/{experiment}/{sequence}/{table}.parquet"

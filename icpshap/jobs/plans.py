@@ -14,10 +14,12 @@ from functools import cache
 from importlib import metadata
 
 from icpshap import causes, options, plan, storage
+from icpshap.data.formats import suffix_of
 from icpshap.errors import UserError
 from icpshap.jobs import digests
 from icpshap.tables import TableError
 
+READ_BY = ("columns", "quaternion")  # keys of a folder that decide what its poses are read as
 COMPUTING = ("numba", "numpy", "pandas", "pyarrow", "scipy")
 
 
@@ -138,6 +140,8 @@ class Plans:
         if known.kind == "archive":
             return {**self._archive(known), **read, "index": index}
         if known.kind == "folder":
+            columns = known.folder.get("columns")
+            read |= {"columns": columns} if columns else {}
             return {**self._file(self.files[sequence][0][index]), **read}
         return {**self._simulated(known), "index": index}
 
@@ -146,13 +150,45 @@ class Plans:
         known = self.config.data[sequence]
         if known.kind == "archive":
             return self._archive(known)
+        if known.registers:
+            return {"sequence": sequence, **self._registered(sequence, range(known.scans - 1))}
         if known.kind == "folder":
-            return {**stamp(self.files[sequence][1]), "code": self.code("read_poses")}
+            read = {key: known.folder[key] for key in READ_BY if known.folder.get(key)}
+            return {**stamp(self.files[sequence][1]), **read, "code": self.code("read_poses")}
         return self._simulated(known)
+
+    def _registered(self, sequence, between):
+        """Of poses that are registered: those of `between`, each scan and the one that follows."""
+        registrations = [digest(self.registration(sequence, index)) for index in between]
+        return {"registrations": registrations, "code": self.code("register_poses")}
+
+    def registration(self, sequence, index):
+        """That of the registration of a scan and the one that follows it."""
+        guess = self.config.data[sequence].folder.get("guess")
+        guess = stamp(self.guess(sequence)) if self.guess(sequence) else guess
+        return {
+            "sequence": sequence,
+            "scans": [digest(self.scan(sequence, scan)) for scan in (index, index + 1)],
+            **({"guess": guess} if guess else {}),
+            "code": self.code("register_pair"),
+            "versions": versions(),
+        }
+
+    def guess(self, sequence):
+        """Path of the file that says where the registration of scans starts, or None."""
+        folder = self.config.data[sequence].folder
+        guess = folder.get("guess")
+        return os.path.join(folder["path"], guess) if isinstance(guess, str) else None
+
+    def _truth(self, sequence, pair):
+        """What decides the true pose of a pair: of registered scans, those between its two."""
+        if not self.config.data[sequence].registers:
+            return self.poses(sequence)
+        return self._registered(sequence, range(min(pair), max(pair)))
 
     def _file(self, path):
         """Of the scan formats only its own counts."""
-        names = {"format": path.suffix.lower()}
+        names = {"format": suffix_of(path)}
         code = self.code("read_scan", *digests.plugins(names))
         return {**stamp(path), "plugins": names, "code": code}
 
@@ -169,7 +205,7 @@ class Plans:
     def overlap(self, sequence, pair):
         return {
             "scans": [digest(self.scan(sequence, index)) for index in pair],
-            "poses": digest(self.poses(sequence)),
+            "poses": digest(self._truth(sequence, pair)),
             "distance": self.config.perturbation.overlap_distance,
             "code": self.code("measure_overlap"),
             "versions": versions(),
@@ -193,6 +229,22 @@ class Plans:
             "minimum_range": estimator.perturbing.minimum_range,
             "code": self.code("check_pair", *estimator.plugins),
             **self._counting(estimator),
+        }
+
+    def fit(self, experiment, sequence):
+        """That of how the settings fit the scans, which decides no registration."""
+        found = self.config.experiments[experiment]
+        estimator = self.estimator(experiment)
+        return {
+            "sequence": sequence,
+            "pairs": [list(pair) for pair in found.pairs[sequence]],
+            "overlaps": [digest(self.overlap(sequence, pair)) for pair in found.pairs[sequence]],
+            "levels": {name: max(levels) for name, levels in found.levels.items()},
+            "estimator": estimator.decides(),
+            "plugins": digests.plugin_names(estimator),
+            "seed": self.config.seed,
+            "code": self.code("measure_fit", *estimator.plugins),
+            "versions": versions(),
         }
 
     def _counting(self, estimator):
@@ -288,6 +340,7 @@ class Plans:
                 digest(self.pair(experiment, sequence, pair)) for pair in found.pairs[sequence]
             ],
             "estimation": digest(self._estimation(experiment, sequence)),
+            "fit": digest(self.fit(experiment, sequence)),
             "off": {name: estimator.causes[name].off for name in found.causes},
             "levels": {name: list(levels) for name, levels in found.levels.items()},
             "returns": asdict(estimator.returned),

@@ -7,6 +7,7 @@ makes is named.
 
 import os
 import re
+from functools import partial
 from pathlib import Path
 
 from icpshap import storage
@@ -17,7 +18,7 @@ from icpshap.jobs.paths import at
 FOLDERS = ("logs", "resources", "results")
 STALE = ".stale"
 SHOWN = 3  # files that are named; of more their number is told
-OF_EXPLANATION = ("pairs", "uncertainty", "shap", "directions", "resampled")
+OF_EXPLANATION = ("pairs", "fit", "uncertainty", "shap", "directions", "resampled")
 
 
 # Options by which snakemake does something else than to make files.
@@ -171,6 +172,11 @@ def _plans(planner, experiments, sequences):
     """(path, table, function that makes the plan) of every file that the selection may make."""
     for sequence in sequences:
         yield at(paths.POSES, sequence=sequence), "poses", lambda s=sequence: planner.poses(s)
+        if planner.config.data[sequence].registers:
+            for index in range(planner.config.data[sequence].scans - 1):
+                path = at(paths.REGISTRATION, sequence=sequence, reference=index, source=index + 1)
+                plan = partial(planner.registration, sequence, index)
+                yield path, "registrations", plan
         for index in range(planner.config.data[sequence].scans):
             path = at(paths.SCAN, sequence=sequence, index=index)
             yield path, "scan", lambda s=sequence, k=index: planner.scan(s, k)

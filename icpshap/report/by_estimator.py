@@ -14,7 +14,7 @@ from icpshap.report.study import PAIR, Study, contains_zero
 from icpshap.report.tables import UNSURE, escaped
 
 BLIND = 0.01  # |f|, below which an estimator sees next to nothing of a perturbation
-TEXTS = ("made_of", "told", "interval_over", "no_interval", "warning", "reason")
+TEXTS = ("made_of", "told", "interval_over", "no_interval", "misfit", "warning", "reason")
 LATEX = {"%": r"\%", "φ": r"$\varphi$", "σ": r"$\sigma$"}
 COUNTS = ["n_runs", "n_used", "n_failed"]
 
@@ -37,7 +37,7 @@ def _rows(part):
     causes = list(study.causes)
     values = ["f", *(f"phi_{name}" for name in causes)]
     numbers = [f"{name}{end}" for name in values for end in ("", "_low", "_high")]
-    remarks = ["interval_over", "no_interval", "warning", "reason"]
+    remarks = ["interval_over", "no_interval", "misfit", "warning", "reason"]
     settings = part.uncertainty[~part.uncertainty.again]
     success = settings.groupby([*PAIR, *causes], as_index=False).success_rate.mean()
     if not study.returns.samples:
@@ -243,9 +243,8 @@ def _grouped(table, column):
 
 def finding(table, study, errors=()):
     """The main finding in one sentence; errors: see `_pose_errors`."""
-    where = ": ".join(
-        filter(None, [f"{study.name} ({captions.which_pairs(table, study)})", _pose_errors(errors)])
-    )
+    name = f"{study.name} ({captions.which_pairs(table, study)})"
+    where = ": ".join(filter(None, [name, *_misfits(table), _pose_errors(errors)]))
     kept = study.valued(table)
     medians = kept.groupby("estimator", sort=False)[["f", *study.phi(table)]].median()
     if len(medians) == 0:
@@ -267,6 +266,14 @@ def finding(table, study, errors=()):
     if len(blind):
         parts.append(f"f is below {BLIND:g} {study.unit} for {words.listed(list(blind))}")
     return f"{where}: {'; '.join(parts)}."
+
+
+def _misfits(table):
+    """What breaks the answers of which estimators, a sentence; nothing if nothing does."""
+    wrong = table[table.misfit != ""]
+    if wrong.empty:
+        return []
+    return [f"settings do not fit the scans, which breaks an answer: {_grouped(wrong, 'misfit')}"]
 
 
 def _pose_errors(errors):

@@ -7,7 +7,7 @@ tables, and studies `study.Study`.
 import numpy as np
 
 from icpshap.explanation import readings
-from icpshap.report import directions, doubts, effects, pose_error, words
+from icpshap.report import directions, doubts, effects, fit, pose_error, words
 from icpshap.report.study import contains_zero, judged, pairs_of
 
 ALONE = "One cause has nothing to interact with."
@@ -122,6 +122,8 @@ def finding(table, directions_table, study):
     """The main finding of an experiment: the pose error, then f; what limits it comes first."""
     error = pose_error.sentence(directions_table, study)
     where = f"{study.name} ({which_pairs(table, study)})"
+    if broken := fit.misfits(table, study):
+        where = f"{where}: {broken} As it is"
     if error:
         where += f": {error}. In f [{study.unit}]"
     if len(study.valued(table)) == 0:
@@ -299,7 +301,11 @@ def of_directions(table, shap, study):
 
 def limits(table, study):
     """What must be known before any number is read, in sentences."""
-    found = (effects.no_basin(table, study), effects.shrinking(table, study))
+    found = (
+        fit.misfits(table, study).removesuffix("."),
+        effects.no_basin(table, study),
+        effects.shrinking(table, study),
+    )
     return [f"{text[0].upper()}{text[1:]}." for text in found if text]
 
 

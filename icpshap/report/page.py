@@ -9,12 +9,24 @@ import yaml
 from jinja2 import Environment, FileSystemLoader
 from markupsafe import Markup
 
-from icpshap.report import by_estimator, captions, directions, doubts, effects, pose_error, tables
+from icpshap.report import (
+    by_estimator,
+    captions,
+    directions,
+    doubts,
+    effects,
+    fit,
+    pose_error,
+    tables,
+)
 from icpshap.report.study import Study
 
 TEMPLATE = Path(__file__).with_suffix(".html")
 POINTS_TO_PIXELS = 1.8  # a figure fills the page's column of 58 rem
 FEW_PAIRS = 5  # of a sequence, below which medians over them say nothing of the sequence
+
+
+OF_FIT = ("truth", "counting")  # doubts of a pair that the fit table has
 
 
 @dataclass(frozen=True)
@@ -30,6 +42,7 @@ class Section:
     shap: object
     directions: object
     pairs: object
+    fit: object
     ranking: object
     figures: list
     links: list
@@ -56,7 +69,11 @@ def warnings(sections):
     found = []
     for section in sections:
         of_section = doubts.of_table(section.shap, section.study)
-        of_section += doubts.of_pairs(section.pairs, section.study)
+        of_section += [
+            doubt
+            for doubt in doubts.of_pairs(section.pairs, section.study)
+            if doubt.kind not in OF_FIT
+        ]
         found += [(section.scope, doubt) for doubt in of_section]
     return doubts.grouped(found)
 
@@ -77,6 +94,7 @@ def page(sections, run, folder, comparison=None, joined=()):
     return environment.get_template(TEMPLATE.name).render(
         findings=_findings(sections, joined),
         symbols=_symbols(sections),
+        fits=[(section.scope, *_fit(section)) for section in sections],
         warnings=warnings(sections),
         joined=[_described_estimators(part, folder) for part in joined],
         parts=[section.scope for section in sections if section.study.name in parts],
@@ -122,6 +140,11 @@ def _findings(sections, joined):
         by_estimator.finding(part.table, part.study, _errors(part, sections)) for part in joined
     ]
     return together + [_finding(section) for section in _alone(sections, joined)]
+
+
+def _fit(section):
+    """How the settings fit the scans: the table, and whether all of it does."""
+    return Markup(fit.html(section.fit, section.study)), (section.fit.grade == "fits").all()
 
 
 def _symbols(sections):

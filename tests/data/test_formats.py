@@ -13,7 +13,7 @@ from icpshap.data.scans import SCAN_SUFFIXES
 SPACE_SEPARATED = """\
 import numpy as np
 
-SUFFIXES = (".xyz", ".pts")
+SUFFIXES = (".asc", ".pts")
 
 
 def read(path):
@@ -51,15 +51,20 @@ def refused(formats):
 
 
 def test_suffixes_are_those_documented():
-    assert SCAN_SUFFIXES == (".csv", ".ply", ".pcd")
+    text = (".csv", ".xyz", ".txt")
+    arrays = (".bin", ".npy", ".npz")
+    clouds = (".ply", ".ply.gz", ".pcd", ".pcd.gz")
+    assert sorted(SCAN_SUFFIXES) == sorted((*text, *arrays, *clouds))
+    documented = (REPOSITORY / "docs" / "data.md").read_text(encoding="utf-8")
+    assert [suffix for suffix in SCAN_SUFFIXES if f"`{suffix}`" not in documented] == []
 
 
 def test_a_new_file_is_a_new_format(formats, tmp_path):
     written(formats / "space_separated.py", SPACE_SEPARATED)
     folder = tmp_path / "garden"
     folder.mkdir()
-    written(folder / "scan_9.xyz", "1 2 3\n4 5 6.5\n")
-    written(folder / "scan_10.XYZ", "7 8 9\nnan 0 0\n")
+    written(folder / "scan_9.asc", "1 2 3\n4 5 6.5\n")
+    written(folder / "scan_10.ASC", "7 8 9\nnan 0 0\n")
     written(folder / "poses.txt", "")
     process = run(
         formats,
@@ -74,22 +79,22 @@ def test_a_new_file_is_a_new_format(formats, tmp_path):
         folder,
     )
     assert process.stdout.splitlines() == [
-        "('.csv', '.ply', '.pcd', '.xyz', '.pts')",
-        "scan_9.xyz [[1.0, 2.0, 3.0], [4.0, 5.0, 6.5]] 0",
-        "scan_10.XYZ [[7.0, 8.0, 9.0]] 1",
+        str((*SCAN_SUFFIXES, ".asc", ".pts")),
+        "scan_9.asc [[1.0, 2.0, 3.0], [4.0, 5.0, 6.5]] 0",
+        "scan_10.ASC [[7.0, 8.0, 9.0]] 1",
     ], process.stderr
 
 
 def test_a_suffix_of_two_formats_is_refused(formats):
-    written(formats / "another.py", SPACE_SEPARATED.replace(".xyz", ".ply"))
+    written(formats / "another.py", SPACE_SEPARATED.replace(".asc", ".ply"))
     said = refused(formats)
     assert str(formats / "another.py") in said and str(formats / "ply.py") in said
     assert "both have '.ply' in SUFFIXES" in said
 
 
-@pytest.mark.parametrize("suffixes", ['(".XYZ",)', '("xyz",)', '(".xyz")', '(".xyz.gz",)'])
+@pytest.mark.parametrize("suffixes", ['(".ASC",)', '("asc",)', '(".asc")', '(".asc.xz",)'])
 def test_a_suffix_that_no_scan_can_have_is_refused(formats, suffixes):
-    written(formats / "another.py", SPACE_SEPARATED.replace('(".xyz", ".pts")', suffixes))
+    written(formats / "another.py", SPACE_SEPARATED.replace('(".asc", ".pts")', suffixes))
     assert refused(formats).startswith(f"{formats / 'another.py'}: SUFFIXES = ")
 
 

@@ -61,6 +61,15 @@ def test_an_overlap_ratio_above_one_is_said(room_pair):
     assert "the overlap ratio is 2.00, above 1: the source has more points" in row["warning"]
 
 
+def test_how_the_true_pose_was_found_is_said_with_the_warnings(room_pair):
+    doubled = np.concatenate([room_pair.source] * 2)
+    row = described(room_pair, truth="the pose is registered")
+    assert row["warning"] == "the pose is registered" and row["registered"]
+    pair = Pair.measured(room_pair.reference, doubled, room_pair.T_reference_source, 0.2)
+    row = described(pair, truth="the pose is registered")
+    assert row["warning"].startswith("the pose is registered; the overlap ratio is 2.00")
+
+
 def test_a_scan_of_too_few_points_is_named(room_pair):
     with pytest.raises(DataError, match=r"room, scan 0: 0 of 3000 points .*\nHint"):
         described(room_pair, minimum_range=100.0)

@@ -163,3 +163,41 @@ def test_more_scans_than_the_path_holds():
 def test_more_beams_than_a_full_scan_has():
     with pytest.raises(UserError, match="beams: 400000 are more than the 367540 of a full scan"):
         simulate.simulate_scan("plain", 0, np.eye(4), 400_000, 1)
+
+
+def turn(scene="apartment", rings=16, beams=16_000, **options):
+    T = simulate.simulate_poses(scene, 1, seed=1)[0]
+    return simulate.simulate_scan(scene, 0, T, beams, 1, rings=rings, **options), T
+
+
+@pytest.mark.parametrize("rings", [16, 32, 128])
+def test_a_spinning_scanner_has_rings_of_one_elevation(rings):
+    points, _ = turn(rings=rings, beams=1000 * rings, range_noise=0.0)
+    elevation = np.rad2deg(np.arctan2(points[:, 2], np.linalg.norm(points[:, :2], axis=1)))
+    steps = np.linspace(22.5, -22.5, rings)
+    nearest = np.abs(elevation[:, None] - steps).argmin(axis=1)
+    np.testing.assert_allclose(elevation, steps[nearest], atol=1e-9)
+    assert len(np.unique(nearest)) == rings
+    assert 0.8 * 1000 * rings < len(points) <= 1000 * rings
+
+
+def test_range_noise_of_a_spinning_scanner():
+    noisy, clean = (turn(range_noise=noise)[0] for noise in (None, 0.0))
+    ranges = [np.linalg.norm(points, axis=1) for points in (noisy, clean)]
+    assert np.std(ranges[0] - ranges[1]) == pytest.approx(0.02, rel=0.05)
+
+
+def test_a_scanner_that_moves_casts_its_beams_from_where_it_is(monkeypatch):
+    """From half a turn before its pose to half a turn after it, straight ahead."""
+    origins = []
+
+    def cast(raycaster, origin, directions):
+        origins.append(np.broadcast_to(origin, directions.shape))
+        return np.full(len(directions), 5.0)
+
+    monkeypatch.setattr(simulate, "_cast", cast)
+    points, T = turn(beams=16 * 500, speed=10.0, range_noise=0.0)
+    ahead = (origins[0] - T[:3, 3]) @ T[:3, :3]
+    np.testing.assert_allclose(ahead[::16, 0], np.linspace(-0.499, 0.499, 500), atol=1e-9)
+    np.testing.assert_allclose(ahead[:, 1:], 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 5.0)

@@ -87,9 +87,9 @@ def test_a_time_that_is_no_number_is_named_with_its_line(tmp_path):
 def test_a_format_without_times_is_told(tmp_path, monkeypatch):
     from icpshap.data import scans
 
-    monkeypatch.setattr(scans, "SCAN_SUFFIXES", (*scans.SCAN_SUFFIXES, ".xyz"))
-    message = problem(written(tmp_path / "a.xyz", "1 2 3\n"))
-    assert ".xyz files are read without times, expected a format that has a column stamp" in message
+    monkeypatch.setattr(scans, "SCAN_SUFFIXES", (*scans.SCAN_SUFFIXES, ".asc"))
+    message = problem(written(tmp_path / "a.asc", "1 2 3\n"))
+    assert ".asc files are read without times, expected a format that has a column stamp" in message
 
 
 def test_a_table_holds_them_and_one_without_has_the_bytes_it_had(tmp_path):

@@ -13,6 +13,7 @@ from icpshap.causes.cause import Cause
 from icpshap.errors import PerturbationError
 from icpshap.estimators import Estimator, perturb
 from icpshap.estimators.perturb import Draws, Streams
+from icpshap.geometry import nearest_to_cell_centres
 from icpshap.plan import Setting
 
 STREAMS = Streams(seed=1, sequence="room", reference=0, source=1)
@@ -265,3 +266,47 @@ def test_without_common_random_numbers_the_causes_that_are_on_name_the_draws(roo
     settings = [Setting.at(dict(zip(NAMES, v, strict=True))) for v in [(0, 1, 0), (0, 2, 0)]]
     streams = [g.streams.branch for g in groups(room_pair, settings, common_random_numbers=False)]
     assert streams == ["setting//", "setting/initial_pose=2/"]
+
+
+def brute_grid(points, side):
+    """Rows nearest to the centres of the cells of a grid, by going through them."""
+    best = {}
+    for row, point in enumerate(points):
+        cell = tuple(np.floor(point / side))
+        distance = np.sum((point / side - np.array(cell) - 0.5) ** 2)
+        if cell not in best or distance < best[cell][0]:
+            best[cell] = (distance, row)
+    return sorted(row for _, row in best.values())
+
+
+def test_of_a_voxel_the_point_nearest_to_its_centre_is_kept():
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(2000, 3)) * [3, 2, 1]
+    points[100:200] = points[:100]  # equally near: the first
+    kept = nearest_to_cell_centres(points, 0.7)
+    assert np.flatnonzero(kept).tolist() == brute_grid(points, 0.7)
+    assert not nearest_to_cell_centres(points[:0], 0.7).any()
+
+
+def test_the_voxel_filter_keeps_the_same_rows_in_every_setting(room_pair):
+    """Noise moves no point into another cell, and a removed point is replaced by no other."""
+    made = draws(room_pair, voxel_size=0.3)
+    clean = Setting.at({"sensor_noise": 0.0, "initial_pose": 1.0, "partial_overlap": 0.0})
+    noisy = Setting.at({"sensor_noise": 0.1, "initial_pose": 2.0, "partial_overlap": 0.3})
+    for scan in ("reference", "source"):
+        points = getattr(room_pair, scan)
+        far = np.flatnonzero(np.linalg.norm(points, axis=1) > 1.0)
+        kept = np.flatnonzero(made.kept(clean, scan, 0))
+        assert kept.tolist() == far[brute_grid(points[far], 0.3)].tolist()
+    left = made.kept(noisy, "source", 0)
+    without = draws(room_pair).kept(noisy, "source", 0)
+    np.testing.assert_array_equal(left, without & made.kept(clean, "source", 0))
+    (group, *_) = groups(room_pair, [noisy], voxel_size=0.3)
+    assert len(group.reference) < 0.5 * len(room_pair.reference)
+
+
+def test_points_that_the_voxel_filter_leaves_out_count_as_left_out(room_pair):
+    setting = Setting.at({"sensor_noise": 0.0, "initial_pose": 1.0, "partial_overlap": 0.2})
+    estimator = Estimator.of("monte_carlo", {"voxel_size": 3.0}).of_causes(NAMES)
+    with pytest.raises(PerturbationError, match="leave a run"):
+        perturb.require_points(room_pair, setting, estimator, STREAMS)

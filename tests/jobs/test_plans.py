@@ -246,6 +246,42 @@ class TestOutsideFiles:
         assert plans.stamp(tmp_path / "nothing")["size"] is None
 
 
+class TestRegisteredPoses:
+    """Where ICP makes the poses, what it registers decides them, and nothing else does."""
+
+    def planner(self, folder, scans=4, **options):
+        files = [folder / f"{index}.csv" for index in range(scans)]
+
+        def own(config):
+            options_of_folder = {"path": str(folder), "poses": "register", **options}
+            config["data"]["own"] = {"scans": scans, "folder": options_of_folder}
+
+        return plans_of(own, {"own": (files, None)})
+
+    def test_more_scans_leave_the_pairs_that_were_there(self, tmp_path):
+        before, after = self.planner(tmp_path), self.planner(tmp_path, 5)
+        assert before.overlap("own", (1, 3)) == after.overlap("own", (1, 3))
+        assert digest(before.poses("own")) != digest(after.poses("own"))
+
+    def test_a_scan_decides_the_pairs_that_are_chained_over_it(self, tmp_path):
+        before = self.planner(tmp_path)
+        found = {pair: before.overlap("own", pair) for pair in ((0, 1), (1, 3), (3, 1))}
+        (tmp_path / "2.csv").touch()
+        after = self.planner(tmp_path)
+        assert after.overlap("own", (0, 1)) == found[0, 1]
+        assert after.overlap("own", (1, 3)) != found[1, 3]
+        assert after.overlap("own", (3, 1)) != found[3, 1]
+
+    def test_where_icp_starts(self, tmp_path):
+        guess = [1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0]
+        files = (self.planner(tmp_path, guess="guess.txt"), self.planner(tmp_path, guess=guess))
+        plans_found = {digest(planner.registration("own", 0)) for planner in files}
+        plans_found.add(digest(self.planner(tmp_path).registration("own", 0)))
+        (tmp_path / "guess.txt").touch()
+        plans_found.add(digest(files[0].registration("own", 0)))
+        assert len(plans_found) == 4
+
+
 def write(path, table, plan, **about):
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     causes = plan.get("levels", {}) if table in tables.WITH_CAUSES else ()

@@ -18,6 +18,7 @@ from known_results import (
     STUDY,
     WATERFALL,
     directions_table,
+    fit_table,
     fixed_of,
     of_covariances,
     pair_of_scans,
@@ -68,6 +69,7 @@ def results(tmp_path_factory):
                 table,
                 directions_table(),
                 of_pairs.assign(warning=""),
+                fit_table(table),
                 ranked,
                 paths,
                 links,
@@ -176,12 +178,29 @@ def test_page_of_any_causes_says_what_the_estimator_returned(number, kind, tmp_p
     ranked = ranking(ranking_row("eth", causes=study.causes))
     pairs = pairs_of(table).assign(warning="")
     nothing = tables.empty("directions", study.causes)
-    section = report.Section("an_experiment", study, table, nothing, pairs, ranked, [], [])
+    section = report.Section(
+        "an_experiment", study, table, nothing, pairs, fit_table(table), ranked, [], []
+    )
     page = report.page([section], record.provenance({"run": []}, {}, tmp_path, tmp_path), tmp_path)
     assert captions.returned(study) in page
     assert all(cause.title in page for cause in study.players)
     exact = "The estimator is deterministic: without a perturbation f is exactly 0."
     assert page.count(exact) == (kind == "closed_form")
+
+
+def test_page_says_a_warning_of_several_pairs_once(tmp_path):
+    study = study_of(OF_NUMBER[3])
+    table = fixed_of(study.causes)
+    pairs = pairs_of(table)
+    pairs = pairs.assign(warning=["the poses are registered"] * (len(pairs) - 1) + ["other"])
+    nothing = tables.empty("directions", study.causes)
+    ranked = ranking(ranking_row("eth", causes=study.causes))
+    section = report.Section("an_experiment", study, table, nothing, pairs, ranked, [], [])
+    said = report.warnings(section)
+    assert len(pairs) > 2
+    (line,) = [line for line in said if "the poses are registered" in line]
+    assert line.count(", ") >= len(pairs) - 2
+    assert len([line for line in said if line.endswith(": other.")]) == 1
 
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chrome"))), None)

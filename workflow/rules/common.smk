@@ -8,7 +8,7 @@ from dataclasses import asdict
 
 from icpshap import config as configuration, options, storage
 from icpshap.data import citation
-from icpshap.data.folder import find_folder_files
+from icpshap.data.folder import find_files
 from icpshap.errors import DataError, UserError
 from icpshap.jobs import digests, parents, paths, progress, start
 from icpshap.jobs.plans import Plans, is_settled
@@ -48,9 +48,7 @@ for key in CONFIG.sequences:
     sequence = CONFIG.data[key]
     if sequence.kind == "folder":
         try:
-            FOLDER_FILES[key] = find_folder_files(
-                sequence.folder["path"], sequence.scans, sequence.folder.get("poses")
-            )
+            FOLDER_FILES[key] = find_files(sequence.folder, sequence.scans)
         except DataError as error:
             raise WorkflowError(f"data.{key}: {error}") from None
 
@@ -74,6 +72,16 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 def keys_of_kind(kind):
     """Regular expression of the sequences that are an archive, a folder or simulated."""
     keys = [key for key, sequence in CONFIG.data.items() if sequence.kind == kind]
+    return "|".join(keys) or "(?!)"
+
+
+def keys_of_folders(registers):
+    """Regular expression of the folders of which ICP makes the poses, or of the others."""
+    keys = [
+        key
+        for key, sequence in CONFIG.data.items()
+        if sequence.kind == "folder" and sequence.registers == registers
+    ]
     return "|".join(keys) or "(?!)"
 
 
@@ -221,6 +229,24 @@ def of_old(files, path, plan):
     return [ancient(file) for file in files] if is_settled(path, plan) else files
 
 
+def scan_names(wildcards):
+    """Paths of the scans of a folder below it, which may say which poses are theirs."""
+    folder = sequence_of(wildcards).folder["path"]
+    scans, _ = FOLDER_FILES[wildcards.sequence]
+    return [os.path.relpath(path, folder) for path in scans]
+
+
+def memory_of_poses(wildcards):
+    """Resource mem_mb of reading poses, which may ask two scans where quaternions have qw."""
+    return 500 + round(20 * max(map(os.path.getsize, FOLDER_FILES[wildcards.sequence][0])) / 1e6)
+
+
+def registrations_of(wildcards):
+    """The registrations of the consecutive scans of a sequence."""
+    scans = sequence_of(wildcards).scans
+    return [of_pair(paths.REGISTRATION, wildcards, (k, k + 1)) for k in range(scans - 1)]
+
+
 def poses_for(template, plan):
     """Input function: the poses, for a file of this template and plan(wildcards)."""
 
@@ -242,6 +268,10 @@ def plan_of_overlap(wildcards):
 
 def plan_of_pair(wildcards):
     return PLANS.pair(wildcards.experiment, wildcards.sequence, pair_of(wildcards))
+
+
+def plan_of_fit(wildcards):
+    return PLANS.fit(wildcards.experiment, wildcards.sequence)
 
 
 def plan_of_job(wildcards):
@@ -498,6 +528,7 @@ def sections():
             "directions": at(paths.TABLE, scope=scope, table="directions"),
             "uncertainty": at(paths.TABLE, scope=scope, table="uncertainty"),
             "pairs": at(paths.TABLE, scope=scope, table="pairs"),
+            "fit": at(paths.TABLE, scope=scope, table="fit"),
             "figures": figures_of(experiment, scope, "svg"),
             "rankings": rankings_of(experiment, scope),
         }
@@ -549,7 +580,7 @@ def targets():
         if not selected_sequences(CONFIG.experiments[name]):
             known = ", ".join(CONFIG.experiments[name].pairs)
             logger.info(f"Skipping {name}: none of its sequences ({known}) is selected.")
-    found = files_of(sections(), "uncertainty", "shap", "directions", "pairs")
+    found = files_of(sections(), "uncertainty", "shap", "directions", "pairs", "fit")
     for experiment, scope in selected_scopes():
         found += figures_of(experiment, scope, "png") + figures_of(experiment, scope, "txt")
         found += scenes_of(experiment, scope, "html")

@@ -2,7 +2,8 @@
 
 Fetching does not depend on a digest of the code: an edited library is no reason to download again.
 
-Outputs: resources/{sequence}/scan_{index}.parquet, resources/{sequence}/poses.parquet
+Outputs: resources/{sequence}/scan_{index}.parquet, resources/{sequence}/poses.parquet; where ICP
+makes the poses, resources/{sequence}/registered/{reference}-{source}.parquet
 """
 
 
@@ -92,16 +93,66 @@ rule read_poses:
     benchmark:
         "logs/read_poses/{sequence}.tsv"
     wildcard_constraints:
-        sequence=keys_of_kind("folder"),
+        sequence=keys_of_folders(registers=False),
+    priority: 20
+    threads: 1
+    resources:
+        mem_mb=memory_of_poses,
+    params:
+        # Not input: of most formats no scan is read.
+        scans=lambda wildcards: [str(path) for path in FOLDER_FILES[wildcards.sequence][0]],
+        names=scan_names,
+        drop_non_finite=lambda wildcards: sequence_of(wildcards).drop_non_finite,
+        plan=lambda wildcards: PLANS.poses(wildcards.sequence),
+    script:
+        "../scripts/read_poses.py"
+
+
+rule register_pair:
+    """Register two consecutive scans of a folder that has no poses."""
+    input:
+        reference=scan_of_pair("reference"),
+        source=scan_of_pair("source"),
+        guess=lambda wildcards: PLANS.guess(wildcards.sequence) or [],
+    output:
+        paths.REGISTRATION,
+    log:
+        "logs/register_pair/{sequence}/{reference}-{source}.log",
+    benchmark:
+        "logs/register_pair/{sequence}/{reference}-{source}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_folders(registers=True),
+    priority: 20
+    threads: 1
+    resources:
+        mem_mb=memory_of_scans(1050, 450),
+    params:
+        scans=lambda wildcards: sequence_of(wildcards).scans,
+        plan=lambda wildcards: PLANS.registration(wildcards.sequence, int(wildcards.reference)),
+    script:
+        "../scripts/register_pair.py"
+
+
+rule register_poses:
+    """Chain the registrations of consecutive scans into poses."""
+    input:
+        registrations_of,
+    output:
+        paths.POSES,
+    log:
+        "logs/register_poses/{sequence}.log",
+    benchmark:
+        "logs/register_poses/{sequence}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_folders(registers=True),
     priority: 20
     threads: 1
     resources:
         mem_mb=500,
     params:
-        scans=lambda wildcards: sequence_of(wildcards).scans,
         plan=lambda wildcards: PLANS.poses(wildcards.sequence),
     script:
-        "../scripts/read_poses.py"
+        "../scripts/register_poses.py"
 
 
 rule simulate_sequence:

@@ -1,7 +1,7 @@
 """From pose samples and covariances to uncertainties and to what each cause contributes.
 
-Outputs: results/{experiment}/{sequence}/{pairs,uncertainty,shap,directions,resampled}.parquet,
-results/{experiment}/{pairs,uncertainty,shap,directions,resampled}.parquet
+Outputs: results/{experiment}/{sequence}/{pairs,fit,uncertainty,shap,directions,resampled}.parquet,
+results/{experiment}/{pairs,fit,uncertainty,shap,directions,resampled}.parquet
 """
 
 TABLES = start.OF_EXPLANATION
@@ -11,6 +11,7 @@ rule explain_sequence:
     """Divergences of every setting and Shapley values of every instance of a sequence."""
     input:
         pairs=checks_of_pairs,
+        fit=paths.FIT_NUMBERS,
         runs=runs_of_sequence,
         estimates=estimates_of_sequence,
     output:

@@ -2,7 +2,8 @@
 
 Data and checks go first (priority), so that what can be known to be wrong is said before any ICP.
 
-Outputs: results/{experiment}/{sequence}/pairs/{reference}-{source}.parquet, and, as the experiment's
+Outputs: results/{experiment}/{sequence}/pairs/{reference}-{source}.parquet,
+results/{experiment}/{sequence}/fit_numbers.parquet, and, as the experiment's
 estimator returns samples, covariances or both, results/{experiment}/{sequence}/runs/{job}.parquet
 and results/{experiment}/{sequence}/estimates/{job}.parquet
 """
@@ -29,6 +30,35 @@ rule check_pair:
         plan=plan_of_pair,
     script:
         "../scripts/check_pair.py"
+
+
+rule measure_fit:
+    """Measure how the settings of an experiment fit the scans of a sequence."""
+    input:
+        scans=lambda wildcards: [
+            at(paths.SCAN, sequence=wildcards.sequence, index=index)
+            for index in scans_of_pairs(wildcards)
+        ],
+        poses=poses_for(paths.FIT_NUMBERS, plan_of_fit),
+        overlaps=lambda wildcards: [
+            of_pair(paths.OVERLAP, wildcards, pair) for pair in pairs_of(wildcards)
+        ],
+    output:
+        paths.FIT_NUMBERS,
+    log:
+        "logs/measure_fit/{experiment}/{sequence}.log",
+    benchmark:
+        "logs/measure_fit/{experiment}/{sequence}.tsv"
+    priority: 15
+    threads: 1
+    resources:
+        mem_mb=memory_of_scans(300, 400),
+    params:
+        plan=plan_of_fit,
+        scans=scans_of_pairs,
+        title=lambda wildcards: f"{wildcards.experiment}, {sequence_of(wildcards).title}",
+    script:
+        "../scripts/measure_fit.py"
 
 
 rule run_icp:

@@ -134,7 +134,7 @@ rule provenance:
 rule report:
     """Make the report of the selected experiments, and the few lines that end a run."""
     input:
-        files_of(sections(), "shap", "directions", "uncertainty", "pairs"),
+        files_of(sections(), "shap", "directions", "uncertainty", "pairs", "fit"),
         # Both or none: where no selected sequence is of the paper, there is nothing to compare.
         compared=[at(paths.COMPARISON, kind=kind) for kind in ("csv", "svg") if compared_sections()],
         joined=[section[of] for section in joined_sections() for of in ("table", "figure")],

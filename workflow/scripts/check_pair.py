@@ -22,12 +22,15 @@ def check_pair(paths, output, plan, terminal):
         levels=[(CAUSES[name](**options), level) for name, options, level in plan["levels"]],
         minimum_overlap=plan["minimum_overlap"],
         minimum_range=plan["minimum_range"],
+        truth=(truth := tables.read_about(paths.poses).get("truth", "")),
     )
     if "estimator" in plan and row["registered"]:
         largest = Setting.at({name: level for name, _, level in plan["levels"]})
         streams = Streams(plan["seed"], plan["sequence"], *indices)
         require_points(pair, largest, Estimator.decided(plan["estimator"]), streams)
     for remark in filter(None, (row["reason"], row["warning"])):
+        if remark == truth:  # said once, of the whole sequence
+            continue
         reference, source = indices
         print(f"{plan['sequence']} {reference}-{source}: {remark}", file=terminal)
     data = digests.data_digests(paths.reference, paths.source)

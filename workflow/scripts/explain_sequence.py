@@ -7,6 +7,7 @@ from icpshap.estimators.kind import Returns
 from icpshap.explanation import games
 from icpshap.explanation.method import Method
 from icpshap.explanation.scan_pair import ScanPair
+from icpshap.fit import checks
 from icpshap.jobs import plans
 from icpshap.jobs.job import job
 
@@ -32,8 +33,12 @@ def explain_sequence(paths, output, planned, jobs):
             made[table].append(frame)
         if pair.registered:
             made["resampled"].append(games.resampled_values(*arguments))
-    for table, frames in made.items():
-        frame = pd.concat(frames, ignore_index=True)
+    joined = {table: pd.concat(frames, ignore_index=True) for table, frames in made.items()}
+    plans.check(paths.fit, planned["fit"])
+    numbers = tables.read(paths.fit, "fit_numbers")
+    joined["fit"] = checks.complete(numbers, joined["uncertainty"], planned["off"])
+    joined["shap"] = checks.marked(joined["shap"], joined["fit"])
+    for table, frame in joined.items():
         tables.write(output[table], frame, table, planned, causes)
 
 

@@ -8,8 +8,9 @@ from icpshap.jobs.job import job
 
 
 def read_scan(path, output, plan):
-    time, drop = plan.get("time"), plan["drop_non_finite"]
-    points, times, dropped = scans.read_timed_scan(path, time, drop)
+    points, times, dropped = scans.read_timed_scan(
+        path, plan.get("time"), plan["drop_non_finite"], plan.get("columns")
+    )
     logging.info("%s: %d points, %d rows that are not finite dropped", path, len(points), dropped)
     tables.write_scan(output, points, times, plan, dropped_rows=dropped)
 

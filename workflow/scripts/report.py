@@ -11,7 +11,7 @@ from icpshap.report import by_estimator, comparison, page
 from icpshap.report.study import Study
 
 
-def section(scope, study, shap, directions, uncertainty, pairs, figures, rankings):
+def section(scope, study, shap, directions, uncertainty, pairs, fit, figures, rankings):
     ranking = None
     if rankings:
         ranking = pd.read_csv(rankings[0], keep_default_na=False, na_values=[""])
@@ -21,9 +21,10 @@ def section(scope, study, shap, directions, uncertainty, pairs, figures, ranking
         tables.read(shap, "shap"),
         tables.read(directions, "directions"),
         tables.read(pairs, "pairs"),
+        tables.read(fit, "fit"),
         ranking,
         figures,
-        [shap, directions, uncertainty, pairs, *rankings],
+        [shap, directions, uncertainty, pairs, fit, *rankings],
     )
 
 

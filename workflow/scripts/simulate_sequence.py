@@ -7,12 +7,14 @@ from icpshap.jobs.job import job
 
 def simulate_sequence(output, scans, plan):
     scene, seed = plan["scene"], plan["seed"]
+    scanner = {key: plan[key] for key in ("range_noise", "rings", "speed") if key in plan}
     T_global_scan = simulate.simulate_poses(scene, scans, seed)
     if "index" not in plan:
         tables.write(output, tables.poses_frame(T_global_scan), "poses", plan)
         return
     index = plan["index"]
-    points = simulate.simulate_scan(scene, index, T_global_scan[index], plan["beams"], seed)
+    T, beams = T_global_scan[index], plan["beams"]
+    points = simulate.simulate_scan(scene, index, T, beams, seed, **scanner)
     tables.write_scan(output, points, None, plan)
 
 

@@ -14,6 +14,11 @@ and, if its files can hold the time at which a point was measured,
 - ``read_timed(path, time)``: the same with the times after them, (n, 4): the column that the files
   call ``time``. One that is missing is a DataError.
 
+and, if its files need not name their columns,
+
+- ``read_columns(path, columns, wanted)``: the columns (n, k) of the names ``wanted``, which begin
+  with x, y and z, of a file of which the user names all ``columns`` in their order.
+
 Nothing else has to know of a format. A module whose name begins with ``_`` is no format but a part
 that several share.
 """
@@ -21,6 +26,14 @@ that several share.
 from pathlib import Path
 
 from icpshap import registry
+
+COMPRESSED = ".gz"
+
+
+def suffix_of(path):
+    """The ending by which a file's format is found, in lower case: ".ply" or ".ply.gz"."""
+    last = path.suffix.lower()
+    return Path(path.stem).suffix.lower() + last if last == COMPRESSED else last
 
 
 def _by_suffix(modules):
@@ -38,10 +51,11 @@ def _by_suffix(modules):
                 "Hint: let the name of a module that is none begin with _."
             )
         for suffix in module.SUFFIXES:
-            if Path(f"scan{suffix}").suffix.lower() != suffix:
+            if suffix_of(Path(f"scan{suffix}")) != suffix:
                 raise ImportError(
                     f"{module.__file__}: SUFFIXES = {module.SUFFIXES!r}; expected a tuple of"
-                    f" suffixes like '.ply', in lower case and with one dot, found {suffix!r}.\n"
+                    f" suffixes like '.ply', in lower case and with one dot before any .gz, found"
+                    f" {suffix!r}.\n"
                     'Hint: write SUFFIXES = (".ply",), the last comma included.'
                 )
             if suffix in owners:
@@ -61,4 +75,9 @@ TIMED_READERS = {
     suffix: module.read_timed
     for suffix, module in _FORMATS.items()
     if hasattr(module, "read_timed")
+}
+COLUMN_READERS = {
+    suffix: module.read_columns
+    for suffix, module in _FORMATS.items()
+    if hasattr(module, "read_columns")
 }

@@ -23,6 +23,7 @@ from icpshap.data.formats._lines import (
     too_long,
     wrong_width,
 )
+from icpshap.data.formats._names import named_axes
 from icpshap.errors import DataError
 
 LONGEST_HEADER = 2**20  # bytes
@@ -116,16 +117,21 @@ def whole_number(text, what, line=None):
     return int(text)
 
 
-def require_columns(path, rows, names):
-    """Raise DataError unless x, y, z and what else is named are each one column of the rows."""
-    counts = {axis: [f.count for f in rows.fields if f.name == axis] for axis in "xyz"}
-    columns = shown(", ".join(field.name for field in rows.fields) or "none")[1:-1]
-    if missing := [axis for axis in "xyz" if not counts[axis]]:
+def named_columns(path, rows, names):
+    """The names that the rows give to the columns x, y, z and what else is named.
+
+    Raises DataError unless each is one column.
+    """
+    fields = [field.name for field in rows.fields]
+    columns = shown(", ".join(fields) or "none")[1:-1]
+    places = dict(zip(AXES, named_axes(fields), strict=True))
+    if missing := [axis for axis, found in places.items() if not found]:
         raise DataError(
             f"{path}: no column {', '.join(missing)} in the header; its columns are {columns}.",
-            "a scan needs the columns x, y and z, in lower case; rename them or export with them.",
+            "a scan needs the columns x, y and z; rename them or export with them.",
         )
-    if repeated := [axis for axis in "xyz" if counts[axis] != [1]]:
+    counts = {axis: [rows.fields[k].count for k in found] for axis, found in places.items()}
+    if repeated := [axis for axis in AXES if counts[axis] != [1]]:
         raise DataError(
             f"{path}: more than one column {', '.join(repeated)} in the header, expected one; its"
             f" columns are {columns}.",
@@ -139,11 +145,15 @@ def require_columns(path, rows, names):
             f"{path}: {width} columns in the header, at most {MAXIMUM_COLUMNS} are accepted.",
             "the header may be damaged; export the scan with fewer columns.",
         )
+    return (*(fields[place] for (place,) in places.values()), *names[len(AXES) :])
 
 
 def bytes_left(file):
     """How many bytes of an open file are ahead."""
-    return os.fstat(file.fileno()).st_size - file.tell()
+    position = file.tell()
+    size = file.seek(0, os.SEEK_END)
+    file.seek(position)
+    return size - position
 
 
 # Text

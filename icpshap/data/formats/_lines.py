@@ -31,6 +31,15 @@ def no_time_column(path, time, names):
     )
 
 
+def is_number(text):
+    """Whether a cell is a number as files write it; Python's own 1_0 is none."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text
+
+
 def too_long(path, line):
     """DataError: a line has more than LONGEST bytes."""
     return DataError(

@@ -1,7 +1,8 @@
-"""Comma-separated values: the data set's ``Hokuyo_<i>.csv``, or a user's own table."""
+"""Separated values: the data set's ``Hokuyo_<i>.csv``, or a user's own table."""
 
 import csv
 import re
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -11,81 +12,128 @@ from icpshap.data.formats._lines import (
     AXES,
     GET_AGAIN,
     LONGEST,
+    is_number,
     no_time_column,
     not_a_number,
     shown,
     too_long,
     wrong_width,
 )
+from icpshap.data.formats._names import (
+    named_axes,
+    places_of,
+    require_coordinates,
+    unknown_columns,
+)
 from icpshap.errors import DataError
 
 SUFFIXES = (".csv",)
+SEPARATORS = (",", ";", "\t")
+
+
+class Layout(NamedTuple):
+    """How the rows of a file are written."""
+
+    separator: str
+    names: list  # of the columns; their numbers, as text, where there is no header
+    wanted: list  # the names of the columns that are read
+    has_header: bool
 
 
 def read(path):
     """Points (n, 3) [m] in the columns x, y and z, which a header line names; others are ignored.
 
-    Raises DataError.
+    Without a header, the first three columns. Raises DataError.
     """
-    return _read(path, AXES)
+    return read_columns(path, None, AXES)
 
 
 def read_timed(path, time):
     """The same with the column of the name ``time`` after them, (n, 4)."""
-    return _read(path, (*AXES, time))
+    return read_columns(path, None, (*AXES, time))
 
 
-def _read(path, wanted):
+def read_columns(path, columns, wanted):
+    """The `wanted` columns (n, k) of a file of these columns, whatever its first line says."""
     with path.open("rb") as file:
-        names = _column_names(path, file)
-        for time in wanted[len(AXES) :]:
-            if names.count(time) != 1:
-                raise no_time_column(path, time, names)
-        table = _read_table(path, file, names, wanted)
-        _require_all_lines(path, file, len(table))
+        layout = _layout(path, file, columns, wanted)
+        table = _read_table(path, file, layout)
+        _require_all_lines(path, file, len(table), layout)
     points = np.empty((len(table), len(wanted)))
-    for column, name in enumerate(wanted):
+    for column, name in enumerate(layout.wanted):
         points[:, column] = table[name]
+    if columns is None and not layout.has_header:
+        require_coordinates(path, points, len(layout.names))
     return points
 
 
-def _column_names(path, file):
-    """Names of the columns according to the first line."""
+def _layout(path, file, columns, wanted):
+    """The `Layout` that the first line shows."""
     line = file.readline(LONGEST + 1)
     if len(line) > LONGEST:
         raise too_long(path, 1)
     header = line.decode("utf-8-sig", errors="replace").rstrip("\r\n")
+    for separator in SEPARATORS:
+        cells = _cells(header, separator)
+        has_header = not all(map(is_number, cells))
+        if not has_header and len(cells) >= len(AXES):
+            names = [str(number + 1) for number in range(len(cells))]
+            places = places_of(path, len(cells), columns, wanted)
+            return Layout(separator, names, [names[place] for place in places], False)
+        if has_header and columns and len(cells) == len(columns):
+            places = places_of(path, len(cells), columns, wanted)
+            return Layout(separator, columns, [columns[place] for place in places], True)
+        axes = named_axes(cells)
+        if has_header and not columns and [len(places) for places in axes] == [1] * len(AXES):
+            for time in wanted[len(AXES) :]:
+                if cells.count(time) != 1:
+                    raise no_time_column(path, time, cells)
+            found = [*(cells[place] for (place,) in axes), *wanted[len(AXES) :]]
+            return Layout(separator, cells, found, True)
+    raise _no_layout(path, line, header, columns)
+
+
+def _cells(line, separator):
     try:
-        names = [name.strip() for name in next(csv.reader([header]), [])]
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
     except csv.Error:
-        names = []
-    if any(names.count(axis) != 1 for axis in "xyz"):
-        raise DataError(
-            f"{path}, line 1: expected a header with the columns x, y and z, each once, separated"
-            f" by commas; found {shown(header.strip())}.",
-            "the file may be empty or of another format; name the columns in its first line."
-            if b"\0" not in line
-            else "the file is not in UTF-8; save it so, with the columns named in its first line.",
+        return []
+
+
+def _no_layout(path, line, header, columns):
+    """DataError: the first line, in bytes and as a header, shows no layout."""
+    if b"\0" in line:
+        return DataError(
+            f"{path}, line 1: expected a header with the columns x, y and z, each once; found"
+            f" {shown(header.strip())}.",
+            "the file is not in UTF-8; save it so, with the columns named in its first line.",
         )
-    return names
+    rows = [_cells(header, separator) for separator in SEPARATORS]
+    if columns:
+        return wrong_width(path, 1, max(map(len, rows)), len(columns))
+    fullest = max(rows, key=lambda cells: sum(map(bool, named_axes(cells))))
+    return unknown_columns(f"{path}, line 1", fullest, header.strip())
 
 
-def _read_table(path, file, names, wanted):
+def _read_table(path, file, layout):
     """The wanted columns of all rows below the header, as a table of pyarrow."""
     file.seek(0)
     try:
         return pa.csv.read_csv(
             file,
             # Only the single-threaded parser knows the row number of an error.
-            read_options=pa.csv.ReadOptions(use_threads=False, skip_rows=1, column_names=names),
+            read_options=pa.csv.ReadOptions(
+                use_threads=False, skip_rows=int(layout.has_header), column_names=layout.names
+            ),
+            parse_options=pa.csv.ParseOptions(delimiter=layout.separator),
             convert_options=pa.csv.ConvertOptions(
-                include_columns=list(wanted),
-                column_types=dict.fromkeys(wanted, pa.float64()),
+                include_columns=layout.wanted,
+                column_types=dict.fromkeys(layout.wanted, pa.float64()),
                 null_values=[],
             ),
         )
     except pa.ArrowInvalid as error:
-        raise _csv_error(path, file, names, str(error)) from None
+        raise _csv_error(path, file, layout.names, str(error)) from None
 
 
 def _csv_error(path, file, names, message):
@@ -113,12 +161,13 @@ def _line_of_row(file, row):
     return row
 
 
-def _require_all_lines(path, file, rows):
+def _require_all_lines(path, file, rows, layout):
     """Raise DataError unless each line became a row: a quoted cell swallows line ends."""
-    lines = sum(1 for _ in _filled_lines(file)) - 1
+    lines = sum(1 for _ in _filled_lines(file)) - layout.has_header
     if lines != rows:
         raise DataError(
-            f"{path}: {rows} rows in {lines} lines below the header, expected one each.",
+            f"{path}: {rows} rows in {lines} lines{' below the header' * layout.has_header},"
+            " expected one each.",
             "a quotation mark may be missing, or lines may end in different ways; write the file"
             " without quotation marks.",
         )

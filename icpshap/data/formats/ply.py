@@ -15,18 +15,19 @@ from icpshap.data.formats._cloud import (
     binary_columns,
     bytes_left,
     cut_off,
+    named_columns,
     read_header,
     require_binary_end,
-    require_columns,
     require_text_end,
     text_columns,
     text_rows,
     whole_number,
 )
+from icpshap.data.formats._gzip import opened
 from icpshap.data.formats._lines import AXES, shown, wrong_width
 from icpshap.errors import DataError
 
-SUFFIXES = (".ply",)
+SUFFIXES = (".ply", ".ply.gz")
 KINDS = {
     **dict.fromkeys(("char", "int8"), "i1"),
     **dict.fromkeys(("uchar", "uint8"), "u1"),
@@ -83,9 +84,9 @@ def read_timed(path, time):
 
 
 def _read(path, names):
-    with path.open("rb") as file:
+    with opened(path) as file:
         header, line = read_header(path, ".ply", file, "end_header", _header)
-        require_columns(path, header.rows, names)
+        names = named_columns(path, header.rows, names)
         if header.encoding == "ascii":
             return _from_text(path, file, line, header, names)
         return _from_binary(path, file, header, names)

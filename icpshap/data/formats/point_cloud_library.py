@@ -14,18 +14,19 @@ from icpshap.data.formats._cloud import (
     binary_columns,
     bytes_left,
     cut_off,
+    named_columns,
     read_header,
     require_binary_end,
-    require_columns,
     require_text_end,
     text_columns,
     text_rows,
     whole_number,
 )
+from icpshap.data.formats._gzip import opened
 from icpshap.data.formats._lines import AXES, GET_AGAIN, shown
 from icpshap.errors import DataError
 
-SUFFIXES = (".pcd",)
+SUFFIXES = (".pcd", ".pcd.gz")
 KEYWORDS = (
     *("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT"),
     *("WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"),
@@ -58,9 +59,9 @@ def read_timed(path, time):
 
 
 def _read(path, names):
-    with path.open("rb") as file:
+    with opened(path) as file:
         (encoding, rows), line = read_header(path, ".pcd", file, "DATA", _header)
-        require_columns(path, rows, names)
+        names = named_columns(path, rows, names)
         if encoding == "ascii":
             lines = text_rows(path, file, line)
             points = text_columns(path, lines, rows, names)

@@ -1,0 +1,171 @@
+"""Numbers of a pair of scans that say whether an estimator's options fit them."""
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from icpshap import se3
+from icpshap.data.ground_truth import ground_truth_distance
+from icpshap.errors import PerturbationError
+from icpshap.estimators import perturb
+from icpshap.geometry import nearest_distances, nearest_to_cell_centres
+from icpshap.plan import Setting
+
+NEIGHBOURHOODS = 4000  # of the reference at most, every k-th
+COLLINEAR = 0.1  # second axis of a neighbourhood against its first, below which it is a line
+WITHIN = 5  # times the overlap distance: source points that see what the reference sees
+NO_RETURN = 1e-3  # m from the scanner
+RINGED = 0.2  # share of neighbourhoods on one ring from which another chain is looked for
+# Voxel side [m] and neighbours that are tried then, those that change least first.
+TRIED = ((None, 20), (0.25, 20), (0.25, 30), (0.5, 20), (0.5, 30), (1.0, 30), (1.0, 50))
+
+
+def measure(pair, estimator, levels, streams):
+    """The numbers of a pair by column of the table `fit_numbers`.
+
+    pair: data.pair.Pair; estimator: estimators.Estimator; levels: the largest of each cause, by
+    name; streams: perturb.Streams of the pair. NaN where a number has no meaning for the estimator.
+    """
+    off = {cause.name: cause.off for cause in estimator.causes.values()}
+    clean = Setting.at({name: off[name] for name in levels})
+    minimum_range = estimator.perturbing.minimum_range
+    neighbourhood = estimator.kind.neighbourhood
+    reference = clean_reference(pair, clean, estimator, streams)
+    of_normals = normals(reference, neighbourhood)
+    in_range = [
+        scan[np.linalg.norm(scan, axis=1) > minimum_range] for scan in (pair.reference, pair.source)
+    ]
+    distance, wrong = ground_truth_distance(
+        pair.reference, pair.source, pair.T_reference_source, minimum_range
+    )
+    return {
+        **_options(estimator.perturbing),
+        **of_normals,
+        **without_rings(in_range[0], neighbourhood, of_normals["ring_share"]),
+        "largest_noise": levels.get("sensor_noise", np.nan) if _in_metres(estimator) else np.nan,
+        "source_points": points_of_a_run(pair, Setting.at(levels), estimator, streams),
+        "reference_points": len(reference),
+        **overlap(pair),
+        "duplicate_share": duplicate_share(*in_range),
+        **ranges(pair, minimum_range),
+        "median_distance": distance,
+        "pose_is_wrong": "fit" in wrong or "nearer to each other" in wrong,
+    }
+
+
+def points_of_a_run(pair, setting, estimator, streams):
+    """Source points of a run; NaN where the setting cannot be applied to the pair."""
+    try:
+        return perturb.points_of_a_run(pair, setting, estimator, streams)
+    except PerturbationError:
+        return np.nan
+
+
+def _options(perturbing):
+    """Options that the checks hold numbers against."""
+    side = perturbing.voxel_size
+    return {
+        "minimum_range": perturbing.minimum_range,
+        "voxel_size": np.nan if side is None else side,
+        "subsampling_probability": perturbing.subsampling_probability,
+    }
+
+
+def _in_metres(estimator):
+    noise = estimator.causes.get("sensor_noise")
+    return noise is not None and noise.sensor == "none"
+
+
+def clean_reference(pair, clean, estimator, streams):
+    """The reference (n, 3) [m] of the clean setting, as the estimator sees it, without noise."""
+    draws = perturb.Draws(pair, estimator, None, streams)
+    kept = draws.kept(clean, "reference", 0)
+    in_range = np.linalg.norm(pair.reference, axis=1) > estimator.perturbing.minimum_range
+    return pair.reference[kept & in_range]
+
+
+def normals(points, neighbourhood):
+    """Radius [m] of the neighbourhoods that give normals, and how many of them lie on a line.
+
+    points (n, 3): in the frame of their scanner; neighbourhood: number of neighbours and radius
+    [m], or None without normals, of which all is NaN. line_share: of those on a line in space;
+    ring_share: on one ring of the scanner, which is a line as the scanner sees it, whatever the
+    noise along its beams, or in space.
+    """
+    if neighbourhood is None or len(points) < neighbourhood[0]:
+        return dict.fromkeys(("neighbours", "normal_radius", "line_share", "ring_share"), np.nan)
+    neighbours, radius = neighbourhood
+    tree = KDTree(points)
+    centres = points[:: -(-len(points) // NEIGHBOURHOODS)]
+    distances, nearest = tree.query(centres, neighbours)
+    bearings = points / np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
+    reach, on_line, on_ring = [], 0, 0
+    for centre, distance, rows in zip(centres, distances, nearest, strict=True):
+        if distance[-1] < radius:
+            rows = tree.query_ball_point(centre, radius)
+        reach.append(max(distance[-1], radius if len(rows) > neighbours else 0.0))
+        line = _is_line(points[rows])
+        on_line += line
+        on_ring += line or _is_line(bearings[rows])
+    return {
+        "neighbours": float(neighbours),
+        "normal_radius": float(np.median(reach)),
+        "line_share": on_line / len(centres),
+        "ring_share": on_ring / len(centres),
+    }
+
+
+def without_rings(points, neighbourhood, ring_share):
+    """The voxel side [m] and neighbours with which few neighbourhoods lie on one ring.
+
+    mending_voxel is NaN for none, mending_neighbours where there is nothing to mend or nothing that
+    was tried mends it. points (n, 3): of the reference beyond the minimum range.
+    """
+    found = {"mending_voxel": np.nan, "mending_neighbours": np.nan}
+    if not ring_share > RINGED:
+        return found
+    for side, neighbours in TRIED:
+        kept = points if side is None else points[nearest_to_cell_centres(points, side)]
+        tried = normals(kept, (neighbours, neighbourhood[1]))
+        if tried["ring_share"] <= RINGED:
+            side = np.nan if side is None else side
+            return {"mending_voxel": side, "mending_neighbours": float(neighbours)}
+    return found
+
+
+def _is_line(points):
+    """Whether points (k, 3) spread along one axis alone."""
+    variances = np.linalg.eigvalsh(np.cov(points.T))
+    return bool(variances[1] < COLLINEAR**2 * variances[2])
+
+
+def overlap(pair):
+    """Overlap ratio, and how far the reference is where the source sees the same.
+
+    matched_distance [m]: within which three quarters of the source points have a reference point,
+    of those that have one within 5 times the overlap distance; NaN of none.
+    """
+    distances = nearest_distances(pair.reference, pair.source, pair.T_reference_source)
+    same = distances[distances <= WITHIN * pair.overlap_distance]
+    return {
+        "overlap": pair.overlap,
+        "overlap_distance": pair.overlap_distance,
+        "matched_distance": float(np.quantile(same, 0.75)) if len(same) else np.nan,
+    }
+
+
+def duplicate_share(*clouds):
+    """Share of the points of clouds (n, 3) that lie where an earlier one of their cloud does."""
+    again = sum(len(cloud) - len(np.unique(cloud, axis=0)) for cloud in clouds)
+    return again / sum(map(len, clouds))
+
+
+def ranges(pair, minimum_range):
+    """Ranges [m] of both scans; points at the origin itself, which are no returns, do not count."""
+    both = np.linalg.norm(np.concatenate([pair.reference, pair.source]), axis=1)
+    returns = both[both > NO_RETURN]
+    return {
+        "nearest_return": float(returns.min()) if len(returns) else np.nan,
+        "typical_range": float(np.median(returns)) if len(returns) else np.nan,
+        "removed_share": float(np.mean(both <= minimum_range)),
+        "motion": float(np.linalg.norm(se3.log(pair.T_reference_source)[3:])),
+    }

@@ -1,0 +1,39 @@
+"""How the settings fit the scans, in words and as a table: the first box of the report.
+
+Tables are shap tables and fit tables, and studies `study.Study`.
+"""
+
+from tabulate import tabulate
+
+from icpshap.fit import checks
+from icpshap.report.study import pairs_of
+
+GRADES = {"red": "breaks the answer", "remark": "remark", "fits": "fits"}
+
+
+def misfits(table, study):
+    """What breaks the answers of a shap table, each with its pairs: a sentence; "" for nothing."""
+    wrong = table[table.misfit != ""]
+    if wrong.empty:
+        return ""
+    found = []
+    for text, rows in wrong.groupby("misfit", sort=False):
+        pairs = [study.pair(row) for row in pairs_of(rows).itertuples()]
+        several = len(pairs_of(table)) > 1
+        found.append(f"{', '.join(pairs)}: {text}" if several else text)
+    return f"The settings do not fit the scans, which breaks this answer. {' '.join(found)}"
+
+
+def html(fit, study):
+    """A fit table over all its pairs, a row a check, as an HTML table."""
+    rows = []
+    several = len(pairs_of(fit)) > 1
+    for row in checks.by_check(fit).itertuples():
+        of = f"{study.pair(row)}, and {row.number - 1} more of {row.pairs} pairs"
+        of = study.pair(row) if row.number == 1 else of
+        found = f"{row.sentence[0].upper()}{row.sentence[1:]}."
+        found += f" ({of})" * (several and row.grade != "fits")
+        change = f"{row.remedy} (not tried)" if row.remedy else ""
+        rows.append([GRADES[row.grade], row.check, found, row.expected, change])
+    header = ["", "check", "found", "right", "what mends it"]
+    return tabulate(rows, header, tablefmt="html", disable_numparse=True)
