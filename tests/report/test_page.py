@@ -188,21 +188,6 @@ def test_page_of_any_causes_says_what_the_estimator_returned(number, kind, tmp_p
     assert page.count(exact) == (kind == "closed_form")
 
 
-def test_page_says_a_warning_of_several_pairs_once(tmp_path):
-    study = study_of(OF_NUMBER[3])
-    table = fixed_of(study.causes)
-    pairs = pairs_of(table)
-    pairs = pairs.assign(warning=["the poses are registered"] * (len(pairs) - 1) + ["other"])
-    nothing = tables.empty("directions", study.causes)
-    ranked = ranking(ranking_row("eth", causes=study.causes))
-    section = report.Section("an_experiment", study, table, nothing, pairs, ranked, [], [])
-    said = report.warnings(section)
-    assert len(pairs) > 2
-    (line,) = [line for line in said if "the poses are registered" in line]
-    assert line.count(", ") >= len(pairs) - 2
-    assert len([line for line in said if line.endswith(": other.")]) == 1
-
-
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chrome"))), None)
 
 
