@@ -14,7 +14,7 @@ from pathlib import Path
 import yaml
 from jsonschema import Draft202012Validator
 
-from icpshap import presets, schema
+from icpshap import presets, schema, what_if
 from icpshap.causes import CAUSES, MOST, named, variants_of
 from icpshap.data.layout import REGISTER
 from icpshap.errors import UserError
@@ -79,6 +79,7 @@ class Experiment:
     waterfall: dict[str, float] | None
     dependence: tuple[tuple[str, str], ...]
     scenes: dict[str, tuple[tuple[int, int], ...]]
+    what_if: dict[str, dict]
 
     @property
     def causes(self):
@@ -92,6 +93,8 @@ class Config:
 
     `by_estimator`: of each experiment of several estimators, which is none of `experiments` itself,
     the names of those that it is made of, by estimator; `joined` are those that are selected.
+    `what_if`: of each experiment that has it, the names of the experiments that its changes make,
+    by the name of the change; they run with it and are no part of `run`.
     """
 
     seed: int
@@ -104,6 +107,13 @@ class Config:
     estimators: dict[str, Preset]
     experiments: dict[str, Experiment]
     by_estimator: dict[str, dict[str, str]]
+    what_if: dict[str, dict[str, str]]
+
+    @property
+    def planned(self):
+        """Names of all experiments that are run: those selected, and what their what_if makes."""
+        changed = [part for name in self.run for part in self.what_if.get(name, {}).values()]
+        return (*self.run, *changed)
 
 
 def load(config):
@@ -113,6 +123,10 @@ def load(config):
     ``1e-3`` arrive; so are integers written like 1e2. Raises ConfigError with one line for every
     error.
     """
+    changed = _changed_estimators(config)
+    if changed:
+        blocks = {name: block for name, (_, block) in changed.items()}
+        config = {**config, "estimators": {**blocks, **config["estimators"]}}
     kinds = _kinds(config)
     rules = schema.with_kinds({name: kind for name, kind in kinds.items() if kind in list(KINDS)})
     config = _coerce(config, rules)
@@ -135,13 +149,15 @@ def load(config):
     errors += [line for violation in violations for line in _describe(violation, kinds)]
     errors += _inconsistencies(config, broken)
     if errors:
+        for name, (where, _) in changed.items():
+            errors = [error.replace(f"estimators.{name}", where) for error in errors]
         errors = list(dict.fromkeys(errors))
         lines = "\n".join(f"  - {error}" for error in errors)
         raise ConfigError(
             f"The configuration has {len(errors)} error(s):\n{lines}\n"
             "Hint: config.yaml explains every key; config/demo.yaml shows how to override them."
         )
-    experiments, by_estimator = _expanded(config["experiments"])
+    experiments, by_estimator, changes = _expanded(config["experiments"])
     run = [part for name in config["run"] for part in by_estimator.get(name, {name: name}).values()]
     return Config(
         seed=config["seed"],
@@ -157,6 +173,7 @@ def load(config):
         },
         experiments={name: _experiment(name, block, config) for name, block in experiments.items()},
         by_estimator=by_estimator,
+        what_if=changes,
     )
 
 
@@ -239,6 +256,7 @@ def _experiment(name, block, config):
         waterfall=waterfall and {cause: float(waterfall[cause]) for cause in levels},
         dependence=tuple(tuple(couple) for couple in block.get("dependence", couples)),
         scenes=_by_sequence(block.get("scenes", [])),
+        what_if=block.get("what_if") or {},
     )
 
 
@@ -246,9 +264,9 @@ def _expanded(experiments):
     """The blocks of all experiments, of one estimator each, and which of them are joined.
 
     An experiment of several estimators is an experiment of each; their names, by estimator, are
-    the second mapping's values.
+    the second mapping's values; those of what an experiment's what_if makes the third's.
     """
-    blocks, by_estimator = {}, {}
+    blocks, by_estimator, changes = {}, {}, {}
     for name in experiments:
         block = _inherited(experiments, name)
         if "estimators" in block:
@@ -257,7 +275,31 @@ def _expanded(experiments):
         else:
             parts = [(block["estimator"], name)]
         blocks |= {part: {**block, "estimator": estimator} for estimator, part in parts}
-    return blocks, by_estimator
+        if block.get("what_if"):
+            changes[name] = what_if.parts(name, block)
+            blocks |= what_if.experiments(name, block)
+    return blocks, by_estimator, changes
+
+
+def _changed_estimators(config):
+    """What the what_if of experiments makes of their estimators: (where it stands, block) by name.
+
+    As far as it can be told of a configuration that nobody has checked.
+    """
+    experiments = config.get("experiments") if isinstance(config, dict) else None
+    if not isinstance(experiments, dict) or not isinstance(config.get("estimators"), dict):
+        return {}
+    blocks = {name: block for name, block in experiments.items() if isinstance(block, dict)}
+    found = {}
+    for name in blocks:
+        try:
+            made = what_if.estimators(name, _inherited(blocks, name))
+        except _Unresolved:
+            continue
+        for part, block in made.items():
+            change = part.removeprefix(f"{name}_")
+            found[part] = (f"experiments.{name}.what_if.{change}", block)
+    return found
 
 
 def _names_by_estimator(name, block):
@@ -360,6 +402,8 @@ def _inconsistencies(config, broken):
                 yield from _who_estimates(f"experiments.{name}", block, estimators, sound)
             if sound and not errors:
                 yield from _training_inconsistencies(name, block, config)
+        if not any(path[0] in ("experiments", "data") for path in broken):
+            yield from _what_if_inconsistencies(name, experiments, estimators, sound)
     twice = [part for part, number in Counter(runnable).items() if number > 1]
     for part in twice:
         yield (
@@ -627,6 +671,37 @@ def _what_the_estimator_cannot(where, block, name, preset):
                 f"{replacing[0].name} of {name} replaces by others. "
                 "Hint: leave one of them out, or set overlap_removal: raw"
             )
+
+
+def _what_if_inconsistencies(name, experiments, estimators, sound):
+    block, errors = _complete("experiments", experiments, name, EXPERIMENT_KEYS)
+    if errors or not block.get("what_if"):
+        return
+    where = f"experiments.{name}.what_if"
+    if "estimators" in block:
+        yield (
+            f"{where}: {name} has several estimators, expected one that the changes are of. "
+            "Hint: give it an experiment of its own with one `estimator`"
+        )
+        return
+    if what_if.explained(block) is None:
+        yield f"{where}: missing {name}.waterfall, the instance of the grid that is run again"
+        return
+    made = what_if.experiments(name, block)
+    for change, part in what_if.parts(name, block).items():
+        yield from _who_estimates(f"{where}.{change}", made[part], estimators, sound)
+        if part in experiments:
+            yield f"{where}.{change}: {part} is an experiment already. Hint: choose another name"
+        # A change is based on the experiment's estimator; one of that name would stand in its way.
+        base = estimators.get(part, {}).get("based_on")
+        if base != block.get("estimator"):
+            yield f"{where}.{change}: {part} is an estimator already. Hint: choose another name"
+        for cause in what_if.levels_of(block["what_if"][change]):
+            if cause not in what_if.explained(block):
+                yield (
+                    f"{where}.{change}.{cause}: the experiment does not name this cause, so it is "
+                    "off. Hint: leave it out, or name it under instances"
+                )
 
 
 def _training_inconsistencies(name, block, config):

@@ -220,6 +220,20 @@ def _levels(cause):
     }
 
 
+def _changes():
+    """Names of changes, and what they change: the estimator's kind says what options there are."""
+    values = _values()
+    change = {
+        "description": "Options of the estimator, and levels of causes that the experiment names.",
+        "type": "object",
+        "minProperties": 1,
+        "properties": values["properties"],
+        "additionalProperties": True,
+    }
+    names = {"pattern": KEY["pattern"], "maxLength": KEY["maxLength"]}
+    return {"type": "object", "propertyNames": names, "additionalProperties": change}
+
+
 def _instances():
     grid = {cause.name: _levels(cause) for cause in named(CAUSES)}
     return {
@@ -301,6 +315,12 @@ class Experiment:
         "Couples [a, b] of causes of the dependence plots, phi of a coloured by b; those of the "
         "paper's couples that the experiment has when absent",
         schema=_couples,
+    )
+    what_if: dict = option(
+        None,
+        "Changes by name, each options of the estimator or levels of causes: the explained "
+        "instance is run again with each, and the report says which helps",
+        schema=_changes,
     )
     scenes: list = option(
         None,

@@ -279,6 +279,34 @@ MISTAKES = [
         0.2,
         "released_code.voxel_size: the grid keeps points of the raw scans, which partial_overlap",
     ),
+    (
+        "experiments.same_perturbation.what_if",
+        {"more": {"normal_neighbors": 20}},
+        "experiments.same_perturbation.what_if.more: unknown key 'normal_neighbors', did you mean "
+        "'normal_neighbours'?",
+    ),
+    (
+        "experiments.same_perturbation.what_if",
+        {"more": {"normal_neighbours": 99}},
+        "experiments.same_perturbation.what_if.more.normal_neighbours: 99 is greater than",
+    ),
+    (
+        "experiments.same_perturbation.what_if",
+        {"closer": {"initial_pose": -1}},
+        "experiments.same_perturbation.what_if.closer.initial_pose: -1 is less than or equal to",
+    ),
+    (
+        "experiments.same_perturbation.what_if",
+        {"biased": {"range_bias": 0.1}},
+        "what_if.biased.range_bias: the experiment does not name this cause",
+    ),
+    (
+        "experiments.same_perturbation.what_if",
+        {"own": {"sensor_sigma": 0.01}},
+        "experiments.same_perturbation.what_if.own.noise_draws: 1, expected at least 10",
+    ),
+    ("experiments.same_perturbation.what_if", {"none": {}}, "what_if.none"),
+    ("experiments.same_perturbation.what_if", {"More": {"runs": 50}}, "More"),
     ("estimators.paper.runs", 49, "runs: 49 is less than the minimum of 50"),
     ("estimators.paper.runs", "1e-2", "runs: 0.01 is not of type 'integer'"),
     (
@@ -849,3 +877,49 @@ def test_extreme_values_are_named_and_hang_nothing(config, path, value, message)
         grid["initial_pose"] = {"start": 1, "stop": 3, "step": 0.01}
     change(config, path, value)
     assert message in errors_of(config)
+
+
+class TestWhatIf:
+    CHANGES = {"more": {"normal_neighbours": "20"}, "closer": {"initial_pose": 0.5}}  # noqa: RUF012
+
+    def changed(self, config, name="different_perturbations"):
+        config["experiments"][name]["what_if"] = self.CHANGES
+        return config
+
+    def test_each_change_is_an_experiment_of_the_explained_instance(self, config):
+        found = configuration.load(self.changed(config))
+        names = {name: f"different_perturbations_{name}" for name in self.CHANGES}
+        assert found.what_if == {"different_perturbations": names}
+        assert set(found.planned) == {*found.run, *names.values()}
+        base = found.experiments["different_perturbations"]
+        more, closer = (found.experiments[name] for name in names.values())
+        assert more.pairs == base.pairs and more.figures == ()
+        assert more.levels == {name: (value,) for name, value in base.waterfall.items()}
+        assert closer.levels == {**more.levels, "initial_pose": (0.5,)}
+        assert found.estimators[more.estimator] == PAPER.with_options(normal_neighbours=20)
+        assert found.estimators[closer.estimator] == PAPER
+
+    def test_what_is_based_on_it_has_changes_of_its_own(self, config):
+        self.changed(config, "same_perturbation")
+        config["experiments"]["other"] = {"based_on": "same_perturbation", "estimator": "robust"}
+        found = configuration.load(config)
+        assert found.estimators["other_more"] == ROBUST.with_options(normal_neighbours=20)
+
+    def test_several_estimators_have_none(self, config):
+        self.changed(config, "same_perturbation")
+        config["experiments"]["same_perturbation"]["estimators"] = ["paper", "robust"]
+        del config["experiments"]["same_perturbation"]["estimator"]
+        assert "several estimators, expected one that the changes are of" in errors_of(config)
+
+    @pytest.mark.parametrize("section", ["estimators", "experiments"])
+    def test_a_name_that_is_taken_is_refused(self, config, section):
+        self.changed(config, "same_perturbation")
+        block = {"estimators": {"based_on": "robust"}}.get(
+            section, config["experiments"]["different_perturbations"]
+        )
+        config[section]["same_perturbation_more"] = block
+        assert "what_if.more: same_perturbation_more is an" in errors_of(config)
+
+    def test_of_a_grid_the_instance_must_be_named(self, config):
+        del self.changed(config)["experiments"]["different_perturbations"]["waterfall"]
+        assert "what_if: missing different_perturbations.waterfall" in errors_of(config)

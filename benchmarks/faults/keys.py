@@ -80,6 +80,7 @@ EDITS = {
     ("experiments", EXPERIMENT, "figures"): (["interactions"], set()),
     ("experiments", EXPERIMENT, "waterfall"): (INSTANCE, set()),
     ("experiments", EXPERIMENT, "dependence"): ([["sensor_noise", "initial_pose"]], set()),
+    ("experiments", EXPERIMENT, "what_if"): ({"closer": {"initial_pose": 1.1}}, set()),
     ("experiments", EXPERIMENT, "scenes"): (
         [{"sequence": "own", "reference": 0, "source": 1}],
         set(),

@@ -42,6 +42,7 @@ class Cause:
     range: ClassVar[Range] = Range(minimum=0)
     colour: ClassVar[str]
     levels: ClassVar[tuple[float, ...]]
+    mitigation: ClassVar[str] = "less of it"
     scans: ClassVar[tuple[str, ...]] = SCANS
     order: ClassVar[int] = 1000
     fewest_noise_draws: ClassVar[int] = 1

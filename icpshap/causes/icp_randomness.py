@@ -26,6 +26,7 @@ class IcpRandomness(Cause):
     range: ClassVar = Range(minimum=1, maximum=100_000)
     colour: ClassVar = "#E69F00"
     levels: ClassVar = (2.0, 5.0, 10.0)
+    mitigation: ClassVar = "more points of a run (subsampling_probability)"
     scans: ClassVar = ("source",)
     order: ClassVar = 50
     counts_points: ClassVar = True

@@ -22,6 +22,7 @@ class InitialPose(Cause):
     range: ClassVar = Range(above=0, maximum=10_000)
     colour: ClassVar = "#0072B2"
     levels: ClassVar = (1.2, 1.5, 2.0, 4.0)
+    mitigation: ClassVar = "a better start, by odometry or a coarse registration first"
     order: ClassVar = 20
 
     initial_pose_scaling: str = option(

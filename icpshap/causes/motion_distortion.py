@@ -31,6 +31,7 @@ class MotionDistortion(Cause):
     range: ClassVar = Range(minimum=0, maximum=100)
     colour: ClassVar = "#882255"
     levels: ClassVar = (0.02, 0.05, 0.1)
+    mitigation: ClassVar = "scans whose motion is taken out, or a slower drive"
     scans: ClassVar = ("source",)
     order: ClassVar = 70
     fewest_noise_draws: ClassVar = 25

@@ -32,6 +32,7 @@ class PartialOverlap(Cause):
     range: ClassVar = Range(minimum=0, maximum=1)
     colour: ClassVar = "#009E73"
     levels: ClassVar = (0.02, 0.05, 0.1)
+    mitigation: ClassVar = "scans that are nearer to each other"
     scans: ClassVar = ("source",)
     order: ClassVar = 30
 

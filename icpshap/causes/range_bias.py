@@ -24,6 +24,7 @@ class RangeBias(Cause):
     range: ClassVar = Range(minimum=0, maximum=100)
     colour: ClassVar = "#56B4E9"
     levels: ClassVar = (0.01, 0.03, 0.05)
+    mitigation: ClassVar = "calibrated ranges"
     order: ClassVar = 60
     fewest_noise_draws: ClassVar = 25
 

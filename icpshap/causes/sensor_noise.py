@@ -27,6 +27,7 @@ class SensorNoise(Cause):
     range: ClassVar = Range(minimum=0, maximum=100)
     colour: ClassVar = "#D55E00"
     levels: ClassVar = (0.01, 0.02, 0.05, 0.1)
+    mitigation: ClassVar = "a more exact scanner, or points averaged on a grid"
     order: ClassVar = 10
 
     reference_noise_additions: int = option(

@@ -38,6 +38,7 @@ class UnderConstrained(Cause):
     range: ClassVar = Range(minimum=0, below=1)
     colour: ClassVar = "#CC79A7"
     levels: ClassVar = (0.5, 0.9, 0.99)
+    mitigation: ClassVar = "structure, or another sensor, along the weak direction"
     order: ClassVar = 40
     counts_points: ClassVar = True
 

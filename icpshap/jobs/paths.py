@@ -26,6 +26,7 @@ MEDIANS = "results/{scope}/tables/median_shap.{kind}"
 OUTLIER_RULES = "results/{scope}/tables/outlier_rules.csv"
 BY_ESTIMATOR = "results/{scope}/tables/by_estimator.{kind}"
 BY_ESTIMATOR_FIGURE = "results/{scope}/figures/by_estimator.{kind}"
+WHAT_IF = "results/{scope}/tables/what_if.{kind}"
 COMPARISON = "results/comparison/paper.{kind}"
 
 REPORT = "results/report.html"

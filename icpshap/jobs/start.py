@@ -196,6 +196,7 @@ def _plans_of(planner, name, sequence):
         yield overlap, "overlap", lambda p=pair: planner.overlap(sequence, p)
         checked = at(paths.PAIR, **names, **indices)
         yield checked, "pairs", lambda p=pair: planner.pair(name, sequence, p)
+    yield at(paths.FIT_NUMBERS, **names), "fit_numbers", lambda: planner.fit(name, sequence)
     returns = planner.estimator(name).returned
     made = [
         (paths.RUNS, "runs", returns.samples),

@@ -10,6 +10,7 @@ from jinja2 import Environment, FileSystemLoader
 from markupsafe import Markup
 
 from icpshap.report import (
+    advice,
     by_estimator,
     captions,
     directions,
@@ -18,6 +19,7 @@ from icpshap.report import (
     fit,
     pose_error,
     tables,
+    what_if,
 )
 from icpshap.report.study import Study
 
@@ -34,7 +36,8 @@ class Section:
     """What the page says of one experiment, or of one sequence of it.
 
     figures: paths of SVG files, each beside a .txt with its caption and, for a scene, an .html;
-    links: paths of files; ranking: table, or None. Paths are relative to the working directory.
+    links: paths of files; ranking, what_if: table, or None. Paths are relative to the working
+    directory.
     """
 
     scope: str
@@ -43,6 +46,7 @@ class Section:
     directions: object
     pairs: object
     fit: object
+    what_if: object
     ranking: object
     figures: list
     links: list
@@ -116,6 +120,8 @@ def summary(sections, page_path, joined=()):
     for section in _alone(sections, joined):
         lines.append(f"Results: results/{section.scope}/ (figures, tables, shap.parquet)")
     lines += ["", *_findings(sections, joined), *_symbols(sections)]
+    for section in _alone(sections, joined):
+        lines += [f"{section.scope}: {' '.join(told)}" for told in [_advice(section)] if told]
     groups = warnings(sections)
     if groups:
         several = f"{len(groups)} kinds of warnings, the gravest"
@@ -140,6 +146,10 @@ def _findings(sections, joined):
         by_estimator.finding(part.table, part.study, _errors(part, sections)) for part in joined
     ]
     return together + [_finding(section) for section in _alone(sections, joined)]
+
+
+def _advice(section):
+    return advice.sentences(section.shap, section.fit, section.what_if, section.study)
 
 
 def _fit(section):
@@ -193,6 +203,8 @@ def _described(section, folder):
         "title": section.scope,
         "anchor": anchor,
         "finding": _finding(section),
+        "advice": _advice(section),
+        "what_if": section.what_if is not None and Markup(what_if.html(section.what_if, study)),
         "returned": captions.returned(study),
         "method": " ".join(method),
         "causes": Markup(effects.table_of_causes(section.shap, study)),

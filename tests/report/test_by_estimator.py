@@ -327,6 +327,7 @@ def test_page_and_summary_tell_them_together(tmp_path):
             pairs_of(found.shap).assign(warning=""),
             fit_table(found.shap),
             None,
+            None,
             [],
             [],
         )

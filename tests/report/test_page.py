@@ -70,6 +70,7 @@ def results(tmp_path_factory):
                 directions_table(),
                 of_pairs.assign(warning=""),
                 fit_table(table),
+                None,
                 ranked,
                 paths,
                 links,
@@ -179,7 +180,7 @@ def test_page_of_any_causes_says_what_the_estimator_returned(number, kind, tmp_p
     pairs = pairs_of(table).assign(warning="")
     nothing = tables.empty("directions", study.causes)
     section = report.Section(
-        "an_experiment", study, table, nothing, pairs, fit_table(table), ranked, [], []
+        "an_experiment", study, table, nothing, pairs, fit_table(table), None, ranked, [], []
     )
     page = report.page([section], record.provenance({"run": []}, {}, tmp_path, tmp_path), tmp_path)
     assert captions.returned(study) in page

@@ -475,6 +475,20 @@ def tables_of_estimators(table):
     return of_each
 
 
+def tables_of_what_if(wildcards):
+    """The shap tables of an experiment, or of a sequence of it, and of what its what_if makes."""
+    name, *sequence = wildcards.scope.split("/")
+    return [
+        at(paths.TABLE, scope="/".join([part, *sequence]), table="shap")
+        for part in (name, *CONFIG.what_if[name].values())
+    ]
+
+
+def what_if_of(experiment, scope):
+    """The table of what an experiment becomes with other options; "" where none are tried."""
+    return at(paths.WHAT_IF, scope=scope, kind="csv") if experiment.what_if else ""
+
+
 def studies_of(wildcards):
     """How the numbers of each estimator of an experiment of several came about."""
     return [study_of({"experiment": found.name}) for found in experiments_of(wildcards)]
@@ -529,6 +543,7 @@ def sections():
             "uncertainty": at(paths.TABLE, scope=scope, table="uncertainty"),
             "pairs": at(paths.TABLE, scope=scope, table="pairs"),
             "fit": at(paths.TABLE, scope=scope, table="fit"),
+            "what_if": what_if_of(experiment, scope),
             "figures": figures_of(experiment, scope, "svg"),
             "rankings": rankings_of(experiment, scope),
         }
@@ -570,7 +585,7 @@ def titles():
 
 def look_at_what_is_there():
     """Put aside what another plan made, and say it."""
-    for line in start.look(PLANS, CONFIG.run, CONFIG.sequences, IS_RUN):
+    for line in start.look(PLANS, CONFIG.planned, CONFIG.sequences, IS_RUN):
         logger.info(line)
 
 
@@ -584,6 +599,8 @@ def targets():
     for experiment, scope in selected_scopes():
         found += figures_of(experiment, scope, "png") + figures_of(experiment, scope, "txt")
         found += scenes_of(experiment, scope, "html")
+        if experiment.what_if:
+            found += [at(paths.WHAT_IF, scope=scope, kind=kind) for kind in ("csv", "md")]
         if rankings_of(experiment, scope):
             found += [at(paths.MEDIANS, scope=scope, kind=kind) for kind in ("csv", "md", "tex")]
     for _, scope in joined_scopes():

@@ -2,6 +2,7 @@
 
 Outputs: results/{scope}/tables/median_shap.{csv,md,tex}, results/{scope}/tables/outlier_rules.csv,
 results/{scope}/tables/by_estimator.{csv,md,tex}, results/{scope}/figures/by_estimator.{png,svg,txt},
+results/{scope}/tables/what_if.{csv,md},
 where {scope} is an experiment or one sequence of it; and, for all that was selected,
 results/comparison/paper.{csv,md,png,svg}, results/provenance.yaml, results/{report.html,summary.txt},
 results/checksums.sha256
@@ -78,6 +79,30 @@ rule join_estimators:
         "../scripts/join_estimators.py"
 
 
+rule join_what_if:
+    """Set the explained instance beside what it becomes with other options."""
+    input:
+        shap=tables_of_what_if,
+        pairs=at(paths.TABLE, table="pairs"),
+    output:
+        csv=at(paths.WHAT_IF, kind="csv"),
+        md=at(paths.WHAT_IF, kind="md"),
+    log:
+        "logs/join_what_if/{scope}.log",
+    benchmark:
+        "logs/join_what_if/{scope}.tsv"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        code=code_of_experiment("join_what_if"),
+        plugins=plugins_of,
+        study=study_of,
+        changes=lambda wildcards: experiment_of(wildcards).what_if,
+    script:
+        "../scripts/join_what_if.py"
+
+
 rule compare_with_paper:
     """Set the results of every estimator that was run against the paper's."""
     input:
@@ -138,6 +163,7 @@ rule report:
         # Both or none: where no selected sequence is of the paper, there is nothing to compare.
         compared=[at(paths.COMPARISON, kind=kind) for kind in ("csv", "svg") if compared_sections()],
         joined=[section[of] for section in joined_sections() for of in ("table", "figure")],
+        what_if=[section["what_if"] for section in sections() if section["what_if"]],
         provenance=paths.PROVENANCE,
         template=f"{workflow.basedir}/icpshap/report/page.html",
     output:

@@ -8,10 +8,11 @@ import yaml
 from icpshap import tables
 from icpshap.jobs.job import job
 from icpshap.report import by_estimator, comparison, page
+from icpshap.report import what_if as what_if_tables
 from icpshap.report.study import Study
 
 
-def section(scope, study, shap, directions, uncertainty, pairs, fit, figures, rankings):
+def section(scope, study, shap, directions, uncertainty, pairs, fit, what_if, figures, rankings):
     ranking = None
     if rankings:
         ranking = pd.read_csv(rankings[0], keep_default_na=False, na_values=[""])
@@ -22,9 +23,10 @@ def section(scope, study, shap, directions, uncertainty, pairs, fit, figures, ra
         tables.read(directions, "directions"),
         tables.read(pairs, "pairs"),
         tables.read(fit, "fit"),
+        what_if_tables.read(what_if) if what_if else None,
         ranking,
         figures,
-        [shap, directions, uncertainty, pairs, fit, *rankings],
+        [shap, directions, uncertainty, pairs, fit, *filter(None, [what_if]), *rankings],
     )
 
 

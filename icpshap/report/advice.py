@@ -1,0 +1,40 @@
+"""What to do: the best of what was tried; and what follows from the numbers, marked not tried.
+
+Tables are shap, fit and what_if tables, and studies `study.Study`.
+"""
+
+from icpshap.fit import checks
+from icpshap.report import what_if
+from icpshap.report.study import contains_zero
+
+FIRST = 2  # remedies of the fit table that are told
+
+
+def sentences(shap, fit, tried, study):
+    """What to do, sentences; tried: the what_if table, or None."""
+    found = [what_if.advice(tried, study)] if tried is not None else []
+    return [*found, *_remedies(fit), *_removal(shap, study)]
+
+
+def _remedies(fit):
+    """The changes that mend the gravest misfits."""
+    rows = checks.by_check(fit)
+    rows = rows[rows.grade != "fits"].head(FIRST)
+    return [f"Not tried: {row.remedy} ({row.check})." for row in rows.itertuples()]
+
+
+def _removal(shap, study):
+    """The cause without which f falls most, if that can be told from zero in most instances."""
+    kept = study.valued(shap)
+    effects = {}
+    for cause in study.shown(kept):
+        part = study.present(kept, cause)
+        name = f"removal_{cause.name}"
+        # An effect without an interval may be none.
+        sure = part[f"{name}_low"].notna() & ~contains_zero(part, name)
+        if len(part) and sure.mean() > 0.5 and part[name].median() > 0:
+            effects[cause] = part[name].median()
+    if not effects:
+        return []
+    cause = max(effects, key=effects.get)
+    return [f"Not tried: {cause.mitigation}, since without {cause.title} f falls most."]

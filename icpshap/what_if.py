@@ -1,0 +1,57 @@
+"""What if: the explained instance of an experiment run again with other options.
+
+`what_if: {name: changes}` of an experiment makes, of each name, an experiment <experiment>_<name>
+with the instance alone, and an estimator of the same name that is based on the experiment's own.
+Changes are options of the estimator, and levels of causes that the experiment names.
+"""
+
+from icpshap.causes import CAUSES
+
+
+def levels_of(changes):
+    """Levels of causes among changes."""
+    return {name: value for name, value in changes.items() if name in CAUSES}
+
+
+def options_of(changes):
+    """Options of the estimator among changes."""
+    return {name: value for name, value in changes.items() if name not in CAUSES}
+
+
+def parts(experiment, block):
+    """Names of the experiments that `what_if` makes, by the name of the change."""
+    return {name: f"{experiment}_{name}" for name in block.get("what_if") or {}}
+
+
+def explained(block):
+    """The instance that is explained: that of the waterfall plot, or the fixed one; or None."""
+    return block.get("waterfall") or block["instances"].get("fixed")
+
+
+def experiments(experiment, block):
+    """Blocks of the experiments that `what_if` makes, by their name."""
+    kept = ("pairs", "sequences", "replicates")
+    return {
+        part: {
+            **{key: block[key] for key in kept if key in block},
+            "estimator": part,
+            "instances": {"fixed": {**explained(block), **levels_of(block["what_if"][name])}},
+            "figures": [],
+        }
+        for name, part in parts(experiment, block).items()
+    }
+
+
+def estimators(experiment, block):
+    """Blocks of the estimators that `what_if` makes, by their name.
+
+    For a block that nobody has checked: what is none is left out.
+    """
+    changes = block.get("what_if")
+    if not isinstance(changes, dict) or not isinstance(block.get("estimator"), str):
+        return {}
+    return {
+        f"{experiment}_{name}": {"based_on": block["estimator"], **options_of(change)}
+        for name, change in changes.items()
+        if isinstance(change, dict)
+    }
