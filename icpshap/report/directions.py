@@ -6,6 +6,7 @@ Tables are directions tables, and studies `study.Study`.
 from typing import NamedTuple
 
 import numpy as np
+from tabulate import tabulate
 
 from icpshap.explanation.directions import VECTOR
 from icpshap.report import words
@@ -188,6 +189,91 @@ def sentences(table, study):
     return [text for text in told if text]
 
 
+TABLE = ("error_translation", "error_rotation", "weakest")
+
+
+def html(table, study):
+    """What the error and the spread along the weakest direction are, and what makes them."""
+    found = {row.name: row for row in summary(table, study)}
+    rows = [found[name] for name in TABLE if name in found]
+    if not rows:
+        return ""
+    header = ["", *(f"{_heading(row)} [{row.unit}]" for row in rows)]
+    body = [
+        ["clean", *(f"{deviation(row.clean)}{row.clean_ends}" for row in rows)],
+        ["with all causes on", *(f"{deviation(row.value)}{row.value_ends}" for row in rows)],
+    ]
+    if any(np.isfinite(row.quantile) for row in rows):
+        body += [
+            ["95 % of the results within, clean", *map(_clean_quantile, rows)],
+            ["95 % of the results within, with all causes on", *map(_quantile, rows)],
+        ]
+    for number, part in enumerate(rows[0].parts):
+        body += [
+            [f"made by {part.cause.title}", *(_made_by(row, number) for row in rows)],
+            [f"without {part.cause.title}", *(_without(row, number) for row in rows)],
+        ]
+    return tabulate(body, header, tablefmt="html", disable_numparse=True)
+
+
+def _heading(row):
+    name = {"error_translation": "error in translation", "error_rotation": "error in rotation"}
+    return name.get(row.name, f"standard deviation along the {row.words} direction")
+
+
+def _clean_quantile(row):
+    known = np.isfinite(row.clean_quantile)
+    return f"{words.significant(row.clean_quantile)}{row.clean_quantile_ends}" if known else ""
+
+
+def _quantile(row):
+    known = np.isfinite(row.quantile)
+    return f"{words.significant(row.quantile)}{row.quantile_ends}" if known else ""
+
+
+def _made_by(row, number):
+    """What a cause adds to the square, in per cent of the growth where that may be told."""
+    part = row.parts[number]
+    if row.in_per_cent:
+        return f"{_per_cent(part.share)} % of the growth{part.share_ends}"
+    return f"{words.significant(part.value)}{part.interval} {row.unit}²"
+
+
+def _without(row, number):
+    return f"{deviation(row.parts[number].remaining)}{row.parts[number].remaining_ends}"
+
+
+def note(table, study):
+    """Of what the table of errors is, and what its rows mean."""
+    found = {row.name: row for row in summary(table, study)}
+    sentences = [f"{opening(table, study).rstrip(':')}."]
+    if set(found) & {"error_translation", "error_rotation"}:
+        sentences.append(
+            "Errors are root mean squares about the true pose over all results that did not fail, "
+            "wrong basins included."
+        )
+    sentences.append(
+        "A cause makes its Shapley value of the square. In brackets 95 % intervals, where they are "
+        "of one instance."
+    )
+    if any("∞" in f"{row.clean_quantile_ends}{row.quantile_ends}" for row in found.values()):
+        sentences.append("∞: so few independent runs bound it from below only.")
+    if "weakest" in found:
+        sentences.append(_vector(found["weakest"]))
+    return " ".join(sentences)
+
+
+def _vector(row):
+    """The unit vector of the weakest direction, where all instances have the same."""
+    if np.isnan(row.vector).any():
+        return "Each instance has a weakest direction of its own."
+    entries = [f"{entry:.2f}" for entry in row.vector]
+    return (
+        f"Its unit vector is ({', '.join(entries[:3])}) about and ({', '.join(entries[3:])}) "
+        "along x, y and z."
+    )
+
+
 def _errors(found):
     names = (("error_translation", "translation"), ("error_rotation", "rotation"))
     return [(name, kind) for name, kind in names if name in found]
@@ -202,20 +288,12 @@ def _weakest(row):
         f"{deviation(part.remaining)}{part.remaining_ends} without {part.cause.title}"
         for part in ranked
     )
-    if np.isnan(row.vector).any():
-        vector = "Each instance has a weakest direction of its own."
-    else:
-        entries = [f"{entry:.2f}" for entry in row.vector]
-        vector = (
-            f"Its unit vector is ({', '.join(entries[:3])}) about and ({', '.join(entries[3:])}) "
-            "along x, y and z."
-        )
     along = row.words.removeprefix("weakest").strip()
     return (
         f"Along the weakest direction{f' {along}' if along else ''} the standard deviation goes "
         f"from {deviation(row.clean)}{row.clean_ends} to {deviation(row.value)}{row.value_ends} "
         f"{row.unit}; parts of the variance [{row.unit}²]: {parts}; it would be, in {row.unit}, "
-        f"{remains}. {vector}"
+        f"{remains}. {_vector(row)}"
     )
 
 

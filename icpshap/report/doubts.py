@@ -116,11 +116,10 @@ def of_table(table, study):
 
 
 def of_pairs(pairs, study):
-    """The `Doubt`s about the pairs of a pairs table."""
+    """The `Doubt`s about the pairs of a pairs table, a remark on several of them once."""
     return [
-        Doubt(kind_of(remark), f"{study.pair(row)}: {remark.rstrip('.')}.")
-        for row in pairs.itertuples()
-        for remark in filter(None, row.warning.split("; "))
+        Doubt(kind_of(remark), f"{_where(rows, study)}: {remark.rstrip('.')}.")
+        for remark, rows in _by_remark(pairs)
     ]
 
 
@@ -143,13 +142,21 @@ def _not_registered(table, study):
 
 def _remarks(table, study):
     """The remarks of the rows, each with all of its pairs; of A/A values `_unsettled` tells."""
-    remarks = table.warning.str.split("; ").explode()
     found = []
-    for remark, rows in table.loc[remarks.index].groupby(remarks.to_numpy(), sort=False):
-        if remark and kind_of(remark) != "few_decide":
+    for remark, rows in _by_remark(table):
+        if kind_of(remark) != "few_decide":
             text = f"{_where(rows, study)} ({_counted(len(rows), 'instance')}): {remark}."
             found.append(Doubt(kind_of(remark), text))
     return found
+
+
+def _by_remark(table):
+    """Each remark of a table's warnings, and the rows that have it."""
+    table = table.reset_index(drop=True)
+    remarks = table.warning.str.split("; ").explode()
+    for remark, rows in table.loc[remarks.index].groupby(remarks.to_numpy(), sort=False):
+        if remark:
+            yield remark, rows
 
 
 def _where(rows, study):

@@ -119,7 +119,12 @@ def table_of_causes(table, study, form="html"):
 
     Of one instance with intervals, of several the medians over those in which the cause is on.
     """
-    header = ["Cause", f"φ [{study.unit}]", f"removal effect [{study.unit}]", "part of W"]
+    header = [
+        "Cause",
+        f"φ [{study.unit}]",
+        f"removal effect [{study.unit}]",
+        "wrong basins",
+    ]
     body = []
     for cause in study.shown(table):
         rows = table[table[cause.name] != cause.off]
@@ -129,9 +134,9 @@ def table_of_causes(table, study, form="html"):
         body.append(
             [
                 f"{cause.title}{narrow}",
-                words.of_rows(rows, f"phi_{cause.name}"),
-                words.of_rows(rows, f"removal_{cause.name}"),
-                words.of_rows(rows, f"wrong_basin_{cause.name}", "%"),
+                words.cell(rows, f"phi_{cause.name}"),
+                words.cell(rows, f"removal_{cause.name}"),
+                words.cell(rows, f"wrong_basin_{cause.name}", "%"),
             ]
         )
     return tabulate(body, header, tablefmt=form, disable_numparse=True) if body else ""
@@ -142,6 +147,7 @@ def note_of_causes(table, study):
     several = len(table) > 1
     whose = "medians over the instances in which a cause is on" if several else "of the instance"
     return (
-        f"φ says how f is shared out, the removal effect what f falls by without the cause; W is "
-        f"the share of {study.repeats} that failed or ended in a wrong basin; {whose}."
+        "φ says how f is shared out, the removal effect what f falls by without the cause; the "
+        f"last column how many more {study.repeats} failed or ended in a wrong basin by it; "
+        f"{whose}."
     )

@@ -24,7 +24,8 @@ from icpshap.report import (
 from icpshap.report.study import Study
 
 TEMPLATE = Path(__file__).with_suffix(".html")
-POINTS_TO_PIXELS = 1.6
+POINTS_TO_PIXELS = 1.8  # a figure fills the page's column of 58 rem
+FEW_PAIRS = 5  # of a sequence, below which medians over them say nothing of the sequence
 
 
 OF_FIT = ("truth", "counting")  # doubts of a pair that the fit table has
@@ -190,7 +191,7 @@ def _described_estimators(part, folder):
 def _described(section, folder):
     study = section.study
     anchor = section.scope.replace("/", "-")
-    ranked = section.ranking is not None
+    ranked = section.ranking is not None and section.ranking.n_pairs.max() >= FEW_PAIRS
     method = [
         *captions.method(section.shap, study),
         *captions.significance(section.shap, study),
@@ -208,8 +209,8 @@ def _described(section, folder):
         "method": " ".join(method),
         "causes": Markup(effects.table_of_causes(section.shap, study)),
         "causes_note": effects.note_of_causes(section.shap, study),
-        "directions": directions.sentences(section.directions, study),
-        "directions_of": directions.opening(section.directions, study),
+        "errors": Markup(directions.html(section.directions, study)),
+        "errors_note": directions.note(section.directions, study),
         "table": Markup(tables.html(section.ranking, study)) if ranked else "",
         "table_note": tables.note(section.ranking, study) if ranked else "",
         "figures": [_figure(path, anchor, folder, _said(section)) for path in section.figures],

@@ -83,6 +83,13 @@ def of_rows(table, name, unit=""):
 
     unit: stands behind it; with "%" a share is told in per cent.
     """
+    text = cell(table, name, unit)
+    several = table[name].notna().sum() > 1
+    return f"{text} in the median" if several else text
+
+
+def cell(table, name, unit=""):
+    """As `of_rows`, for a table that says whether its numbers are medians."""
     factor = 100 if unit == "%" else 1
     rows = factor * table[[name, f"{name}_low", f"{name}_high"]].dropna(subset=name)
     unit = f" {unit}" if unit else ""
@@ -90,4 +97,4 @@ def of_rows(table, name, unit=""):
         return "no value"
     if len(rows) == 1:
         return f"{with_interval(*rows.iloc[0])}{unit}"
-    return f"{number(rows[name].median())}{unit} in the median"
+    return f"{number(rows[name].median())}{unit}"

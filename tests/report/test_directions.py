@@ -105,3 +105,25 @@ def test_it_is_said_of_what_the_numbers_are(table):
         # An instance in which a cause is off says nothing of it.
         assert row.parts[0].value == pytest.approx(one.parts[0].value)
         assert row.parts[0].unsure == one.parts[0].unsure
+
+
+def test_the_table_of_errors_holds_what_sentences_say(table):
+    told = directions.html(table.assign(in_per_cent=True), ONE)
+    error = table[table.direction == "error_translation"].iloc[0]
+    assert "<th>error in translation [cm]" in told and "<th>error in rotation [deg]" in told
+    assert f"{directions.deviation(1e4 * error.clean)} [" in told
+    assert f"{100 * error.share_sensor_noise:.0f} % of the growth [" in told
+    assert f"{directions.deviation(1e4 * error.remaining_sensor_noise)} [" in told
+    told = directions.html(table.assign(in_per_cent=False), ONE)
+    assert "cm²" in told and "of the growth" not in told
+    assert told.count("<tr>") == 1 + 4 + 2 * 3
+    note = directions.note(table, ONE)
+    assert note.startswith(directions.opening(table, ONE)[:-1]) and "unit vector" in note
+
+
+def test_the_table_of_covariances_has_no_errors(table):
+    known = ~table.direction.str.startswith("error")
+    told = directions.html(table[known], ONE)
+    assert "error" not in told and "weakest" in told and "95 %" not in told
+    assert "Errors" not in directions.note(table[known], ONE)
+    assert directions.html(table.assign(value=np.nan), ONE) == ""

@@ -93,3 +93,11 @@ def test_nothing_is_said_twice_of_a_scope():
 def test_a_table_without_rows_has_no_doubts(grid):
     assert doubts.of_table(grid.iloc[:0], STUDY) == []
     assert doubts.grouped([]) == []
+
+
+def test_a_remark_on_several_pairs_is_told_once():
+    pairs = pairs_of(shap_table(FIXED, PAIRS)).assign(warning=["poses registered"] * 2 + ["other"])
+    assert [doubt.text for doubt in doubts.of_pairs(pairs, STUDY)] == [
+        "Apartment 0–1, Apartment 1–2: poses registered.",
+        "ETH 0–1: other.",
+    ]

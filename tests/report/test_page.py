@@ -116,14 +116,37 @@ def test_page_states_what_was_run(results):
     assert "1 of the paper&#39;s 1 values lie in our intervals." in results.page
 
 
-def test_page_says_of_what_the_directions_are_before_their_sentences(results):
+def test_page_tells_errors_and_the_weakest_direction_once(results):
     section = results.sections[1]
     section = replace(section, study=replace(section.study, waterfall=None))
-    opening = directions.opening(section.directions, section.study)
-    (first, *_) = directions.sentences(section.directions, section.study)
     run = record.provenance({"run": []}, {}, results.root, results.root)
     text = unescape(report.page([section], run, results.root))
-    assert opening and text.index(opening) < text.index(first)
+    assert text.count(directions.html(section.directions, section.study)) == 1
+    assert text.count(directions.note(section.directions, section.study)) == 1
+    assert not any(said in text for said in directions.sentences(section.directions, section.study))
+
+
+def test_medians_of_a_sequence_need_five_pairs(results):
+    run = record.provenance({"run": []}, {}, results.root, results.root)
+    for pairs, told in ((5, True), (4, False)):
+        section = replace(results.sections[1], ranking=ranking(ranking_row("eth", n_pairs=pairs)))
+        text = report.page([section], run, results.root)
+        assert ("Median Shapley values</h3>" in text) == told
+        assert ("P(" in text) == told
+
+
+def test_what_all_captions_say_stands_on_the_page_once(results):
+    page = unescape(results.page)
+    study = results.sections[0].study
+    for said in (*captions.method(results.sections[0].shap, study), *captions.symbols(study)):
+        assert page.count(said) <= len(results.sections), said
+    for path in results.sections[0].figures:
+        assert captions.symbols(study)[0] in path.with_suffix(".txt").read_text()
+
+
+def test_figures_are_as_wide_as_the_text(results):
+    widths = {int(width) for width in re.findall(r'<img [^>]*width="(\d+)"', results.page)}
+    assert widths == {928}  # pixels of 58 rem
 
 
 def test_names_from_the_configuration_cannot_break_the_page(results):
@@ -164,21 +187,6 @@ def test_page_of_any_causes_says_what_the_estimator_returned(number, kind, tmp_p
     assert all(cause.title in page for cause in study.players)
     exact = "The estimator is deterministic: without a perturbation f is exactly 0."
     assert page.count(exact) == (kind == "closed_form")
-
-
-def test_page_says_a_warning_of_several_pairs_once(tmp_path):
-    study = study_of(OF_NUMBER[3])
-    table = fixed_of(study.causes)
-    pairs = pairs_of(table)
-    pairs = pairs.assign(warning=["the poses are registered"] * (len(pairs) - 1) + ["other"])
-    nothing = tables.empty("directions", study.causes)
-    ranked = ranking(ranking_row("eth", causes=study.causes))
-    section = report.Section("an_experiment", study, table, nothing, pairs, ranked, [], [])
-    said = report.warnings(section)
-    assert len(pairs) > 2
-    (line,) = [line for line in said if "the poses are registered" in line]
-    assert line.count(", ") >= len(pairs) - 2
-    assert len([line for line in said if line.endswith(": other.")]) == 1
 
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chrome"))), None)

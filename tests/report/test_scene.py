@@ -181,4 +181,4 @@ def test_a_title_from_the_configuration_cannot_break_the_page(shown):
     assert (
         re.search(r"<title>(.*?)</title>", page)[1] == "&lt;script&gt;alert(1)&lt;/script&gt; 6–7"
     )
-    assert unescape(re.search(r"<p>(.*?)</p></body>", page)[1]) == text
+    assert unescape(re.search(r"<p>(.*?)</p></details>", page)[1]) == text

@@ -11,6 +11,7 @@ from icpshap.report.figures.style import (
     INK,
     MUTED,
     PAGE,
+    SMALL,
     mark_noise_floor,
     say_nothing,
     symmetric_logarithmic,
@@ -104,8 +105,9 @@ def _mark_missing(axes, x):
 def _name_rows(axes, x, table, study):
     if len(table) <= FEW:
         room = int(LETTERS_OF_ALL / (np.ptp(x) + 2.5))
-        labels = [fill(study.pair(row), room) for row in table.itertuples()]
-        axes.set_xticks(x, labels)
+        names = [study.pair(row) for row in table.itertuples()]
+        labels = [fill(name, room, break_long_words=False) for name in names]
+        axes.set_xticks(x, labels, fontsize=SMALL)
     else:
         starts = table.groupby("sequence", sort=False).head(1)
         names = [study.title(sequence).replace(" ", "\n") for sequence in starts.sequence]

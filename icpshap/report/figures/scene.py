@@ -4,6 +4,7 @@ A picture for paper and report, and an interactive page. Both show the source mo
 and the pose errors xi of the clean and of one perturbed setting.
 """
 
+import json
 from dataclasses import dataclass
 from html import escape
 from typing import NamedTuple
@@ -316,41 +317,106 @@ def thin(points, most):
     return points
 
 
-def page(scene, title, text):
-    """A self-contained HTML page that turns: scans, translation errors and rotation errors."""
-    from plotly.subplots import make_subplots
+# Where the three panels lie in the window, [x from, to], [y from, to]: beside one another where it
+# is wide, the scans over both errors where it is high.
+PLACES = {
+    "wide": {
+        "scene": ([0, 0.58], [0, 1]),
+        "scene2": ([0.6, 1], [0.5, 1]),
+        "scene3": ([0.6, 1], [0, 0.48]),
+    },
+    "high": {
+        "scene": ([0, 1], [0.42, 1]),
+        "scene2": ([0, 0.49], [0, 0.38]),
+        "scene3": ([0.51, 1], [0, 0.38]),
+    },
+}
+TITLES = {
+    "scene": "scans at the true pose [m]",
+    "scene2": "error in translation [cm]",
+    "scene3": "error in rotation [deg]",
+}
+EYE = {"x": 1.25, "y": -1.25, "z": 1.2}
 
-    figure = make_subplots(
-        rows=1,
-        cols=3,
-        column_widths=[0.5, 0.25, 0.25],
-        specs=[[{"type": "scene"}] * 3],
-        subplot_titles=("scans at the true pose [m]", "translation [cm]", "rotation [deg]"),
-        horizontal_spacing=0.01,
-    )
-    figure.add_traces(_cloud_traces(scene), rows=1, cols=1)
+# Run by plotly's page; the layouts are written in before.
+ARRANGE = """
+const layouts = LAYOUTS, shown = document.getElementById('scene');
+const arrange = () => Plotly.relayout(
+    shown, layouts[window.innerWidth > window.innerHeight ? 'wide' : 'high']);
+arrange();
+window.addEventListener('resize', arrange);
+"""
+STYLE = """
+body { height: 100vh; margin: 0; display: flex; flex-direction: column; overflow: hidden; }
+body { font: 16px/1.4 system-ui, sans-serif; color: #222; }
+h1 { font-size: 1.2rem; margin: .5rem 1rem 0; }
+#window { flex: 1; position: relative; min-height: 0; }
+#window > div { position: absolute; inset: 0; }
+details { order: 1; margin: .3rem 1rem .5rem; font-size: .9rem; max-height: 25vh; overflow: auto; }
+"""
+
+
+def page(scene, title, text):
+    """A self-contained HTML page that turns: scans, translation errors and rotation errors.
+
+    It fills the window, and its panels change places with the window's shape.
+    """
+    import plotly.graph_objects as go
+
+    figure = go.Figure(_cloud_traces(scene))
     if not scene.no_poses:
-        for column, part, scale in ((2, slice(3, 6), 100.0), (3, slice(0, 3), np.rad2deg(1))):
+        parts = (("scene2", slice(3, 6), 100.0), ("scene3", slice(0, 3), np.rad2deg(1)))
+        for panel, part, scale in parts:
             for name, shown in poses(scene).items():
-                traces = _pose_traces(name, shown, scale * shown.xi[:, part], column == 2)
-                figure.add_traces(traces, rows=1, cols=column)
-    figure.update_scenes(aspectmode="data", xaxis_title="x", yaxis_title="y", zaxis_title="z")
+                traces = _pose_traces(name, shown, scale * shown.xi[:, part], panel == "scene2")
+                figure.add_traces([trace.update(scene=panel) for trace in traces])
+    panels = ["scene"] if scene.no_poses else list(TITLES)
     figure.update_layout(
-        title={"text": escape(title)},
-        height=640,
-        legend={"orientation": "h", "itemsizing": "constant"},
-        margin={"l": 0, "r": 0, "b": 0, "t": 80},
+        {panel: {"aspectmode": "data", "camera": {"eye": EYE}} for panel in panels},
+        legend={
+            "orientation": "h",
+            "itemsizing": "constant",
+            "y": 1,
+            "yanchor": "bottom",
+            "font": {"size": 14},
+        },
+        margin={"l": 0, "r": 0, "b": 0, "t": 60},
         template="plotly_white",
+        autosize=True,
     )
+    figure.update_scenes(xaxis_title="x", yaxis_title="y", zaxis_title="z")
+    layouts = {shape: _layout(places, panels) for shape, places in PLACES.items()}
     plot = figure.to_html(
-        full_html=False, include_plotlyjs=True, div_id="scene", config={"displaylogo": False}
+        full_html=False,
+        include_plotlyjs=True,
+        div_id="scene",
+        default_height="100%",
+        config={"displaylogo": False, "responsive": True},
+        post_script=ARRANGE.replace("LAYOUTS", json.dumps(layouts)),
     )
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        f"<title>{escape(title)}</title>"
-        "<style>body{font-family:sans-serif;margin:1em}p{max-width:60em}</style></head>\n"
-        f"<body>{plot}\n<p>{escape(text)}</p></body></html>\n"
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(title)}</title><style>{STYLE}</style></head>\n"
+        f"<body><h1>{escape(title)}</h1>\n"
+        # Before the plot, which measures what is left of the window, though it stands below.
+        f"<details open><summary>What it shows</summary><p>{escape(text)}</p></details>\n"
+        f'<div id="window">{plot}</div></body></html>\n'
     )
+
+
+def _layout(places, panels):
+    """Where the panels of a page lie, with their titles above them, as plotly's layout."""
+    if len(panels) == 1:
+        places = {"scene": ([0, 1], [0, 1])}
+    layout = {"annotations": []}
+    for panel in panels:
+        x, y = places[panel]
+        layout[f"{panel}.domain"] = {"x": x, "y": y}
+        place = {"x": sum(x) / 2, "y": y[1], "xref": "paper", "yref": "paper"}
+        look = {"showarrow": False, "xanchor": "center", "yanchor": "top", "font": {"size": 15}}
+        layout["annotations"].append({"text": TITLES[panel], **place, **look})
+    return layout
 
 
 def _cloud_traces(scene):
