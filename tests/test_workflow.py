@@ -41,10 +41,17 @@ def test_how_the_settings_fit_is_said_before_any_icp_and_stands_in_one_table(fin
     said = finished.said
     assert said.index("tiny_fixed, Tiny room: ") < said.index("] run_icp tiny_fixed tiny_room")
     fit = pd.read_parquet(finished.folder / "results" / "tiny_fixed" / "fit.parquet")
-    assert set(fit["check"]) >= {"true pose", "rings", "points", "clean success", "clean basin"}
+    assert set(fit["check"]) >= {
+        "true pose",
+        "rings",
+        "points",
+        "clean success",
+        "clean basin",
+        "stopping",
+    }
     assert fit.groupby("sequence", sort=False)["check"].size().to_dict() == {
-        "tiny_room": 11,
-        "tiny_stairs": 22,
+        "tiny_room": 12,
+        "tiny_stairs": 24,
     }
 
 

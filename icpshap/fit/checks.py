@@ -24,6 +24,7 @@ TYPICAL_RANGE = 0.3, 300.0  # m; of points in another unit than metres the media
 LITTLE_OVERLAP = 0.4
 FAR = 1.0  # m of the median source point from the reference at the true pose
 SUCCESS = 0.95
+MEMORY = 0.5
 
 
 class Judged(NamedTuple):
@@ -245,7 +246,23 @@ def clean_basin(row):
     )
 
 
-AFTER = (clean_success, clean_basin)
+def stopping(row):
+    """Where the start explains the spread, ICP has stopped on its way."""
+    if np.isnan(row.largest_memory):
+        return None
+    sentence = (
+        f"the initial pose explains up to {row.largest_memory:.0%} of the spread of a direction in "
+        "a setting, where ICP stops on its way"
+    )
+    expected = f"at most {MEMORY:.0%}"
+    judged = fits("stopping", row.largest_memory, "-", expected, sentence)
+    if row.largest_memory <= MEMORY:
+        return judged
+    remedy = "stop_rotation: 1e-5, stop_translation: 1e-5"
+    return judged._replace(grade="remark", remedy=remedy)
+
+
+AFTER = (clean_success, clean_basin, stopping)
 
 
 # --- tables ---------------------------------------------------------------------------------------
@@ -268,8 +285,9 @@ def complete(numbers, uncertainty, off):
     numbers: fit_numbers table; uncertainty: the uncertainty table; off: value of each cause that is
     off, by name.
     """
-    clean = uncertainty[(uncertainty[list(off)] == list(off.values())).all(axis=1)]
-    clean = clean[~clean.again & (clean.replicate == 0) & (clean.n_runs > 0)]
+    run = uncertainty[~uncertainty.again & (uncertainty.replicate == 0) & (uncertainty.n_runs > 0)]
+    run = run.assign(largest_memory=run.groupby(PAIR).memory.transform("max"))
+    clean = run[(run[list(off)] == list(off.values())).all(axis=1)]
     judged = [
         (row, found)
         for row in clean.itertuples()

@@ -149,6 +149,7 @@ def clean_rows(**changed):
             "n_runs": 100,
             "success_rate": [1.0, 0.1, 0.1, 0.1],
             "no_basin": [False, True, True, True],
+            "memory": [0.1, 0.9, 0.9, 0.4],
         }
     )
     return table.assign(**{name: [value, *table[name][1:]] for name, value in changed.items()})
@@ -170,10 +171,19 @@ def test_clean_runs_that_do_not_arrive_are_red(changed, check, words):
     assert words in marked.misfit[0].lower() and set(marked.misfit[1:]) == {""}
 
 
+def test_runs_that_stop_on_their_way_are_remarked_in_whatever_setting():
+    uncertainty = clean_rows()
+    uncertainty.loc[3, "memory"] = 0.7
+    fit = checks.complete(fit_numbers(ONE), uncertainty, {"sensor_noise": 0.0})
+    (row,) = fit[fit.grade != "fits"].itertuples()
+    assert (row.check, row.grade) == ("stopping", "remark")
+    assert "explains up to 70% of the spread" in row.sentence and "1e-5" in row.remedy
+
+
 def test_clean_runs_that_arrive_fit_and_those_that_do_not_succeed_by_name_are_left_out():
     numbers = fit_numbers(ONE)
     fit = checks.complete(numbers, clean_rows(), {"sensor_noise": 0.0})
-    assert set(fit.grade) == {"fits"} and len(fit) == 11
+    assert set(fit.grade) == {"fits"} and len(fit) == 12
     without = checks.complete(numbers, clean_rows(success_rate=np.nan), {"sensor_noise": 0.0})
     assert "clean success" not in set(without.check)
 
