@@ -805,12 +805,20 @@ def _experiment_inconsistencies(where, block, data):
                     f"{where}.scenes: {pair['sequence']} {pair['reference']}, {pair['source']} is "
                     "not one of the experiment's pairs. Hint: list it under pairs too"
                 )
-    if "waterfall" in block["figures"] and (block["pairs"] == "consecutive" or len(listed) > 1):
+    if "waterfall" in block["figures"] and _number_of_pairs(block, data) > 1:
         yield (
             f"{where}.figures: waterfall shows one pair, and the experiment has several. "
             "Hint: leave it out, or give the pair an experiment of its own"
         )
     yield from _instance_inconsistencies(where, block)
+
+
+def _number_of_pairs(block, data):
+    """As far as the sequences are known."""
+    if block["pairs"] != "consecutive":
+        return len(block["pairs"])
+    known = [data[name]["scans"] for name in block.get("sequences", []) if name in data]
+    return sum(scans - 1 for scans in known)
 
 
 def _is_registered(pair, block):

@@ -879,6 +879,14 @@ def test_extreme_values_are_named_and_hang_nothing(config, path, value, message)
     assert message in errors_of(config)
 
 
+def test_a_waterfall_is_of_one_pair_however_it_is_named(config):
+    config["experiments"]["same_perturbation"]["figures"] = ["waterfall"]
+    assert "waterfall shows one pair, and the experiment has several" in errors_of(config)
+    config["data"]["two"] = {"scans": 2, "simulated": {"scene": "plain", "beams": 4000}}
+    config["experiments"]["same_perturbation"]["sequences"] = ["two"]
+    assert configuration.load(config).experiments["same_perturbation"].figures == ("waterfall",)
+
+
 class TestWhatIf:
     CHANGES = {"more": {"normal_neighbours": "20"}, "closer": {"initial_pose": 0.5}}  # noqa: RUF012
 
