@@ -11,6 +11,7 @@ from icpshap.geometry import nearest_distances, nearest_to_cell_centres
 from icpshap.plan import Setting
 
 NEIGHBOURHOODS = 4000  # of the reference at most, every k-th
+OVERLAPPING = 20_000  # source points at most whose distance to the reference is measured
 COLLINEAR = 0.1  # second axis of a neighbourhood against its first, below which it is a line
 WITHIN = 5  # times the overlap distance: source points that see what the reference sees
 NO_RETURN = 1e-3  # m from the scanner
@@ -144,7 +145,8 @@ def overlap(pair):
     matched_distance [m]: within which three quarters of the source points have a reference point,
     of those that have one within 5 times the overlap distance; NaN of none.
     """
-    distances = nearest_distances(pair.reference, pair.source, pair.T_reference_source)
+    sample = pair.source[:: -(-len(pair.source) // OVERLAPPING)]
+    distances = nearest_distances(pair.reference, sample, pair.T_reference_source)
     same = distances[distances <= WITHIN * pair.overlap_distance]
     return {
         "overlap": pair.overlap,
