@@ -3,10 +3,10 @@
     python -m benchmarks.lidar [variants] [stability] [--quick]
 
 variants: of chains on the real spinning pair (of the folder that ICPSHAP_REAL_DATA names) and on
-simulated spinning scanners indoors and outdoors: success of the clean setting and of that with all
-causes on, f, Shapley values and removal effect of the sensor noise, CPU seconds. stability: f of
-`lidar` with 25 % more and fewer normal neighbours, and a voxel side 25 % longer and shorter, and
-with another seed. The last line is JSON.
+simulated spinning scanners indoors and outdoors: share of neighbourhoods on one ring, success of
+the clean setting and of that with all causes on, f and Shapley value of the sensor noise, CPU
+seconds. stability: f of `lidar` with 25 % more and fewer normal neighbours, and a voxel side 25 %
+longer and shorter, and with another seed. The last line is JSON.
 """
 
 import argparse
@@ -20,6 +20,9 @@ from benchmarks.icp import Clock
 from icpshap.data import simulate
 from icpshap.data.pair import Pair, relative_pose
 from icpshap.estimators.kind import GOOD_STATUS
+from icpshap.estimators.perturb import Streams
+from icpshap.fit import measure
+from icpshap.plan import Setting
 from icpshap.presets import LIDAR, PAPER, ROBUST
 from icpshap.tables import XI
 
@@ -56,6 +59,15 @@ def pairs(quick):
     return found
 
 
+def ring_share(pair, preset):
+    """Share of the neighbourhoods of the clean reference's normals that lie on one ring."""
+    estimator = preset.estimator.of_causes(list(INSTANCE))
+    clean = Setting.at({name: cause.off for name, cause in estimator.causes.items()})
+    streams = Streams(real_pairs.SEED, "rings", 0, 1)
+    reference = measure.clean_reference(pair, clean, estimator, streams)
+    return measure.normals(reference, estimator.kind.neighbourhood)["ring_share"]
+
+
 def explained(name, pair, preset, seed=real_pairs.SEED):
     """The explanation, success of clean and perturbed runs, and the points of a run."""
     game = real_pairs.Game(name, pair, preset, INSTANCE, seed)
@@ -84,11 +96,12 @@ def variants(quick):
             with Clock() as clock:
                 row, success = explained(name, pair, preset)
             values = [interval(row, column) for column in ("f", "phi_sensor_noise")]
-            lines.append([name, variant, *(f"{s:.2f}" for s in success), *values])
+            shares = [ring_share(pair, preset), *success]
+            lines.append([name, variant, *(f"{s:.2f}" for s in shares), *values])
             lines[-1].append(f"{clock.seconds:.1f}")
-            figures.append([name, variant, *success, float(row["f"]), round(clock.seconds, 2)])
+            figures.append([name, variant, *shares, float(row["f"]), round(clock.seconds, 2)])
             print(" | ".join(lines[-1]), flush=True)
-    header = ["pair", "chain", "clean", "perturbed", "f", "phi sensor noise", "CPU s"]
+    header = ["pair", "chain", "rings", "clean", "perturbed", "f", "phi sensor noise", "CPU s"]
     print(tabulate(lines, header, "pipe", disable_numparse=True), "\n")
     return {"variants": figures}
 
