@@ -1,9 +1,8 @@
-"""The ICP engine against Open3D: 100 runs on the demo's scans and, where given, on a real pair."""
+"""The ICP engine against Open3D: 100 runs on simulated scans and, where given, on a real pair."""
 
 import numpy as np
 import pytest
-import yaml
-from conftest import PAPER_CONFIG, REPOSITORY, folder_in
+from conftest import folder_in
 from scipy.spatial.transform import Rotation
 
 from icpshap import icp, se3
@@ -15,6 +14,7 @@ from icpshap.data.simulate import simulate_poses, simulate_scan
 pytestmark = pytest.mark.slow
 
 RUNS = 100
+BEAMS, SEED = 16000, 42
 DISTANCE = 1.0  # m, of the longest link
 ALL_LINKS = icp.Trimmed(1.0)
 AT_REST = 1e-11  # rad, m in a step
@@ -22,12 +22,10 @@ AT_REST = 1e-11  # rad, m in a step
 DEVIATION = np.repeat([np.deg2rad(10.0), 0.2], 3) / np.sqrt(3.0)
 
 
-def demo_scans(sequence):
-    """The first two scans of a sequence of the demo, whole, and T_reference_source."""
-    data = yaml.safe_load((REPOSITORY / "config" / "demo.yaml").read_text())["data"][sequence]
-    scene, beams, seed = *data["simulated"].values(), PAPER_CONFIG["seed"]
-    T = simulate_poses(scene, data["scans"], seed)
-    scans = [simulate_scan(scene, k, T[k], beams, seed) for k in range(2)]
+def simulated_scans(scene):
+    """Two scans of a scene by the tilting laser, whole, and T_reference_source."""
+    T = simulate_poses(scene, 2, SEED)
+    scans = [simulate_scan(scene, k, T[k], BEAMS, SEED) for k in range(2)]
     return scans, se3.inverse(T[0]) @ T[1]
 
 
@@ -38,13 +36,13 @@ def real_scans():
     return scans, se3.inverse(T[0]) @ T[1]
 
 
-@pytest.fixture(scope="module", params=["demo_apartment", "demo_stairwell", "real"])
+@pytest.fixture(scope="module", params=["apartment", "stairwell", "real"])
 def pair(request):
     """(reference, source, initial poses): all points beyond 1 m of the two scans.
 
     About the reference's centre, where the engine linearises its rotations.
     """
-    scans, T = real_scans() if request.param == "real" else demo_scans(request.param)
+    scans, T = real_scans() if request.param == "real" else simulated_scans(request.param)
     reference, source = (cloud[icp.minimum_range(cloud, 1.0)] for cloud in scans)
     centre = reference.mean(axis=0)
     T[:3, 3] -= centre
