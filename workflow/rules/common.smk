@@ -477,10 +477,11 @@ def tables_of_estimators(table):
 
 def tables_of_what_if(wildcards):
     """The shap tables of an experiment, or of a sequence of it, and of what its what_if makes."""
-    name, *sequence = wildcards.scope.split("/")
+    name = wildcards.scope.split("/")[0]
+    parts = (name, *CONFIG.what_if[name].values())
     return [
-        at(paths.TABLE, scope="/".join([part, *sequence]), table="shap")
-        for part in (name, *CONFIG.what_if[name].values())
+        at(paths.TABLE, scope=wildcards.scope.replace(name, part, 1), table="shap")
+        for part in parts
     ]
 
 
