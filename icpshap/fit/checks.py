@@ -61,7 +61,7 @@ def rings(row):
         return judged
     grade = "red" if row.ring_share > RING_SHARE[0] else "remark"
     if np.isnan(row.mending_neighbours):
-        remedy = "denser scans, or metric: point_to_point"
+        remedy = "scans of more rings"
     else:
         voxels = f"voxel_size: {row.mending_voxel:g}, "
         remedy = f"normal_neighbours: {row.mending_neighbours:.0f}"

@@ -16,7 +16,7 @@ WITHIN = 5  # times the overlap distance: source points that see what the refere
 NO_RETURN = 1e-3  # m from the scanner
 RINGED = 0.2  # share of neighbourhoods on one ring from which another chain is looked for
 # Voxel side [m] and neighbours that are tried then, those that change least first.
-TRIED = ((None, 20), (0.25, 20), (0.25, 30), (0.5, 20), (0.5, 30), (1.0, 30), (1.0, 50))
+TRIED = ((None, 20), (0.25, 20), (0.25, 30), (0.5, 20), (0.5, 30))
 
 
 def measure(pair, estimator, levels, streams):
