@@ -29,7 +29,7 @@ MISFITS = {
         {"ring_share": 0.9},
         "red",
         "90% of the neighbourhoods",
-        "metric: point_to_point",
+        "scans of more rings",
     ),
     "normals below the noise": (
         {"normal_radius": 0.04, "largest_noise": 0.08},
