@@ -119,7 +119,7 @@ def note(table, study):
     ]
     if _has_several(table):
         sentences.insert(1, "Numbers are medians.")
-    return " ".join(sentences)
+    return " ".join([*_broken(table), *sentences])
 
 
 def _layout(table, study, form):
@@ -193,7 +193,7 @@ def caption(table, study):
         sentences.append(
             f"Noise of the sensor that they were told: {_grouped(informed, 'told')}{rest}."
         )
-    return " ".join([*sentences, *_treatment(table), *_lost(table, study)])
+    return " ".join([*_broken(table), *sentences, *_treatment(table), *_lost(table, study)])
 
 
 def _intervals(kept):
@@ -244,7 +244,9 @@ def _grouped(table, column):
 def finding(table, study, errors=()):
     """The main finding in one sentence; errors: see `_pose_errors`."""
     name = f"{study.name} ({captions.which_pairs(table, study)})"
-    where = ": ".join(filter(None, [name, *_misfits(table), _pose_errors(errors)]))
+    broken = _broken(table)
+    name = f"{name}: {broken[0]} As they are" if broken else name
+    where = ": ".join(filter(None, [name, _pose_errors(errors)]))
     kept = study.valued(table)
     medians = kept.groupby("estimator", sort=False)[["f", *study.phi(table)]].median()
     if len(medians) == 0:
@@ -268,12 +270,13 @@ def finding(table, study, errors=()):
     return f"{where}: {'; '.join(parts)}."
 
 
-def _misfits(table):
+def _broken(table):
     """What breaks the answers of which estimators, a sentence; nothing if nothing does."""
     wrong = table[table.misfit != ""]
     if wrong.empty:
         return []
-    return [f"settings do not fit the scans, which breaks an answer: {_grouped(wrong, 'misfit')}"]
+    which = _grouped(wrong, "misfit")
+    return [f"Settings do not fit the scans, which breaks these answers. {which}."]
 
 
 def _pose_errors(errors):

@@ -253,9 +253,16 @@ def noise_floor(table, study):
 
 
 def caption(figure, table, study):
-    """The caption of a figure by its name, as one paragraph; warnings come last."""
+    """The caption of a figure by its name, one paragraph: what breaks it first, warnings last."""
     of_chance = noise_floor(table, study) if figure in ("waterfall", "pairs") else []
-    return " ".join([_opening(figure, table, study), *of_all(table, study), *of_chance])
+    opening = _opening(figure, table, study)
+    return _broken_first([opening, *of_all(table, study), *of_chance], table, study)
+
+
+def _broken_first(sentences, table, study):
+    """Sentences as one paragraph, what breaks the answer of a table before all others."""
+    broken = fit.misfits(table, study)
+    return " ".join(sorted(sentences, key=lambda text: text != broken))
 
 
 def of_all(table, study):
@@ -296,7 +303,8 @@ def of_directions(table, shap, study):
         "characteristic length."
     )
     told = directions.sentences(table, study)
-    return " ".join([opening, *told, *limits(shown, study), *method(shap, study)])
+    sentences = [opening, *told, *limits(shown, study), *method(shap, study)]
+    return _broken_first(sentences, shown, study)
 
 
 def limits(table, study):

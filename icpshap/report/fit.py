@@ -24,6 +24,11 @@ def misfits(table, study):
     return f"The settings do not fit the scans, which breaks this answer. {' '.join(found)}"
 
 
+def first(text, broken, mark=""):
+    """A text behind what breaks it, the sentence of `misfits`; mark: stands before that."""
+    return f"{mark}{broken}\n\n{text}" if broken else text
+
+
 def html(fit, study):
     """A fit table over all its pairs, a row a check, as an HTML table."""
     rows = []

@@ -315,6 +315,20 @@ def test_the_pose_error_of_each_estimator_is_told_first():
     )
 
 
+def test_what_breaks_the_answers_of_some_comes_first():
+    table, study = joined()
+    names = list(table.estimator.unique())
+    table = table.assign(misfit=np.where(table.estimator == names[0], "Rings: voxels.", ""))
+    said = (
+        f"Settings do not fit the scans, which breaks these answers. Rings: voxels. ({names[0]})."
+    )
+    assert by_estimator.caption(table, study).startswith(said)
+    assert by_estimator.note(table, study).startswith(said)
+    assert by_estimator.finding(table, study).startswith(
+        f"several (Apartment 6–7): {said} As they are: the largest φ"
+    )
+
+
 def test_page_and_summary_tell_them_together(tmp_path):
     table, study = joined(names=("paper", "told"))
     parts = [part(name, shap_table(FIXED), **OPTIONS[name]) for name in ("paper", "told")]

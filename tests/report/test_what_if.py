@@ -2,9 +2,17 @@
 
 import numpy as np
 import pytest
-from known_results import FIXED, PAIRS, STUDY, fit_table, shap_table, without_value
+from known_results import (
+    FIXED,
+    PAIRS,
+    STUDY,
+    directions_table,
+    fit_table,
+    shap_table,
+    without_value,
+)
 
-from icpshap.report import advice, what_if
+from icpshap.report import advice, captions, fit, what_if
 
 CHANGES = {
     what_if.AS_IT_IS: {},
@@ -95,3 +103,28 @@ class TestAdvice:
     def test_without_values_there_is_nothing_to_remove(self):
         shap = without_value(shap_table(FIXED, PAIRS[:1]), [0], "no overlap")
         assert advice.sentences(shap, fit_table(shap), None, STUDY) == []
+
+
+BROKEN = "93% of the neighbourhoods lie on one ring: voxel_size: 0.25."
+SAID = f"The settings do not fit the scans, which breaks this answer. {BROKEN}"
+
+
+@pytest.mark.parametrize("figure", ["summary", "waterfall", "interactions"])
+def test_what_breaks_an_answer_comes_first_in_every_caption(figure):
+    shap = shap_table(FIXED, PAIRS[:1]).assign(misfit=BROKEN)
+    caption = captions.caption(figure, shap, STUDY)
+    assert caption.startswith(SAID) and caption.count(BROKEN) == 1
+    assert SAID not in captions.caption(figure, shap.assign(misfit=""), STUDY)
+
+
+def test_what_breaks_an_answer_comes_first_in_the_finding_and_over_tables():
+    shap = shap_table(FIXED, PAIRS[:1]).assign(misfit=BROKEN)
+    found = captions.finding(shap, directions_table(), STUDY)
+    assert found.startswith(f"an_experiment (Apartment 0–1): {SAID} As it is: pose error")
+    assert fit.first("a table", fit.misfits(shap, STUDY)) == f"{SAID}\n\na table"
+    assert fit.first("a table", "") == "a table"
+
+
+def test_of_several_pairs_those_are_named_that_it_breaks():
+    shap = shap_table(FIXED, PAIRS).assign(misfit=["", BROKEN, BROKEN])
+    assert f"Apartment 1–2, ETH 0–1: {BROKEN}" in fit.misfits(shap, STUDY)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from icpshap import tables
 from icpshap.jobs.job import job
-from icpshap.report import what_if
+from icpshap.report import fit, what_if
 from icpshap.report.study import Study
 
 
@@ -14,7 +14,7 @@ def join_what_if(paths, outputs, study, changes):
     parts += [(name, changes[name], shap) for name, shap in zip(changes, others, strict=True)]
     joined = what_if.table(parts, tables.read(paths.pairs, "pairs"))
     joined.to_csv(outputs.csv, index=False)
-    text = what_if.markdown(joined, study)
+    text = fit.first(what_if.markdown(joined, study), fit.misfits(first, study))
     Path(outputs.md).write_text(text, encoding="utf-8")
 
 

@@ -7,7 +7,7 @@ import pandas as pd
 from icpshap import tables
 from icpshap.explanation import ranking
 from icpshap.jobs.job import job
-from icpshap.report import comparison
+from icpshap.report import comparison, fit
 from icpshap.report import tables as layout
 from icpshap.report.study import Study
 
@@ -20,8 +20,11 @@ def median_table(paths, output, study, seed):
     table = ranking.ranking_table(shap, resampled, list(study.causes), paper, order, seed)
     table.to_csv(output.rules, index=False)
     layout.median_rows(table).to_csv(output.csv, index=False)
-    Path(output.md).write_text(layout.markdown(table, study), encoding="utf-8")
-    Path(output.tex).write_text(layout.latex(table, study), encoding="utf-8")
+    broken = fit.misfits(shap, study)
+    text = fit.first(layout.markdown(table, study), broken)
+    Path(output.md).write_text(text, encoding="utf-8")
+    text = fit.first(layout.latex(table, study), broken, mark="% ")
+    Path(output.tex).write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
