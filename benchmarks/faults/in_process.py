@@ -73,7 +73,7 @@ def files_of(found, experiment, sequence):
     jobs = range(len(found.jobs(experiment, sequence)))
     runs = [at(paths.RUNS, **names, job=job) for job in jobs]
     # Called by name and by key, as the lists of files of a Snakemake job are.
-    return Files(pairs=pairs, runs=runs, estimates=[])
+    return Files(pairs=pairs, fit=at(paths.FIT_NUMBERS, **names), runs=runs, estimates=[])
 
 
 class Files(SimpleNamespace):
