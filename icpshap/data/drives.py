@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from icpshap.data.formats import stem_of
 from icpshap.errors import DataError
 
 TOLERANCE = 1e-3  # s between a scan and its pose
@@ -64,8 +65,7 @@ def _ascend(places):
 
 def _last_number(name):
     """The last number in a name without the suffix of its format, as text; "" if there is none."""
-    stem = re.sub(r"\.[A-Za-z]+(\.gz)?$", "", name, flags=re.IGNORECASE)
-    return (re.findall(r"\d+(?:\.\d+)?", stem) or [""])[-1]
+    return (re.findall(r"\d+(?:\.\d+)?", stem_of(name)) or [""])[-1]
 
 
 def _few(names):

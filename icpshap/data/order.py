@@ -4,6 +4,7 @@ import re
 from itertools import pairwise
 from string import ascii_lowercase
 
+from icpshap.data.formats import stem_of
 from icpshap.errors import DataError
 
 # Words for the scan that stays and for the one that moves onto it.
@@ -29,7 +30,7 @@ def in_order(folder, paths):
                 " that say which comes first.",
                 "rename one of them, or take it away if it is a copy.",
             )
-    stems = [_stem(names[path]) for path in paths]
+    stems = [stem_of(names[path]) for path in paths]
     if not any(map(_numbers, stems)):
         return [paths[place] for place in _order_without_numbers(folder, stems, names, paths)]
     for one, other in pairwise(range(len(paths))):
@@ -72,11 +73,6 @@ def _uncertain(folder, one, other, names, paths):
         f"number them, as in scan_0, scan_1; or list them in order: `files: [{listed}]` of the"
         " folder.",
     )
-
-
-def _stem(name):
-    """A name without the suffix of its format."""
-    return re.sub(r"\.[A-Za-z]+(\.gz)?$", "", name, flags=re.IGNORECASE)
 
 
 def _numbers(name):

@@ -14,18 +14,21 @@ and, if its files can hold the time at which a point was measured,
 - ``read_timed(path, time)``: the same with the times after them, (n, 4): the column that the files
   call ``time``. One that is missing is a DataError.
 
-and, if its files need not name their columns,
+A module whose files need not name their columns has, in place of both,
 
-- ``read_columns(path, columns, wanted)``: the columns (n, k) of the names ``wanted``, which begin
-  with x, y and z, of a file of which the user names all ``columns`` in their order.
+- ``read_columns(path, columns, wanted)``: the columns (n, k) of the names ``wanted``, which are x,
+  y and z and perhaps that of the times, of a file of which the user names all ``columns`` in their
+  order; None: as the file names them, or as its format has them.
 
 Nothing else has to know of a format. A module whose name begins with ``_`` is no format but a part
 that several share.
 """
 
+import re
 from pathlib import Path
 
 from icpshap import registry
+from icpshap.data.formats._lines import AXES
 
 COMPRESSED = ".gz"
 
@@ -36,6 +39,11 @@ def suffix_of(path):
     return Path(path.stem).suffix.lower() + last if last == COMPRESSED else last
 
 
+def stem_of(name):
+    """The name of a file, as text, without the ending of its format."""
+    return re.sub(r"\.[A-Za-z]+(\.gz)?$", "", name, flags=re.IGNORECASE)
+
+
 def _by_suffix(modules):
     """Each module by suffix.
 
@@ -44,7 +52,9 @@ def _by_suffix(modules):
     """
     owners = {}
     for module in modules:
-        if missing := [name for name in ("SUFFIXES", "read") if not hasattr(module, name)]:
+        missing = ["SUFFIXES"] * (not hasattr(module, "SUFFIXES"))
+        missing += ["read"] * (not hasattr(module, "read") and not _reads_columns(module))
+        if missing:
             raise ImportError(
                 f"{module.__file__}: no {' and no '.join(missing)}; expected both in a scan"
                 " format.\n"
@@ -68,16 +78,33 @@ def _by_suffix(modules):
     return owners
 
 
+def _reads_columns(module):
+    """Whether the files of a format need not name their columns."""
+    return hasattr(module, "read_columns")
+
+
+def _reader(module):
+    """Function of a path that reads x, y and z."""
+    if not _reads_columns(module):
+        return module.read
+    return lambda path: module.read_columns(path, None, AXES)
+
+
+def _timed_reader(module):
+    """Function of a path and the name of a column that reads it after x, y and z."""
+    if not _reads_columns(module):
+        return module.read_timed
+    return lambda path, time: module.read_columns(path, None, (*AXES, time))
+
+
 # In the order of the modules' names, which is the one of suffixes in messages.
 _FORMATS = _by_suffix(registry.modules(__name__, __path__))
-READERS = {suffix: module.read for suffix, module in _FORMATS.items()}
+READERS = {suffix: _reader(module) for suffix, module in _FORMATS.items()}
 TIMED_READERS = {
-    suffix: module.read_timed
+    suffix: _timed_reader(module)
     for suffix, module in _FORMATS.items()
-    if hasattr(module, "read_timed")
+    if _reads_columns(module) or hasattr(module, "read_timed")
 }
 COLUMN_READERS = {
-    suffix: module.read_columns
-    for suffix, module in _FORMATS.items()
-    if hasattr(module, "read_columns")
+    suffix: module.read_columns for suffix, module in _FORMATS.items() if _reads_columns(module)
 }

@@ -45,6 +45,26 @@ def _plain(name):
     return re.sub(r"[\s.:_-]+", "_", name).strip("_")
 
 
+def places_by_name(path, names, wanted):
+    """Places (k,) of the `wanted` columns, x, y and z first, among the names of a header.
+
+    None where it is not certain which are x, y and z. Raises DataError for a time that is not one
+    column.
+    """
+    axes = named_axes(names)
+    if [len(places) for places in axes] != [1] * len(AXES):
+        return None
+    return [*(place for (place,) in axes), *_times(path, names, wanted)]
+
+
+def _times(path, names, wanted):
+    """Places of the columns that are wanted after x, y and z."""
+    for time in wanted[len(AXES) :]:
+        if names.count(time) != 1:
+            raise no_time_column(path, time, names)
+        yield names.index(time)
+
+
 def places_of(path, width, columns, wanted):
     """Places (k,) of the `wanted` columns, x, y and z first, in a file that names none.
 
@@ -68,10 +88,7 @@ def places_of(path, width, columns, wanted):
             f"{path}: `columns` names {', '.join(columns)}; expected x, y and z, each once.",
             "name the other columns as you like.",
         )
-    for time in wanted[len(AXES) :]:
-        if columns.count(time) != 1:
-            raise no_time_column(path, time, columns)
-    return [columns.index(name) for name in wanted]
+    return [*map(columns.index, AXES), *_times(path, columns, wanted)]
 
 
 def require_coordinates(path, points, width):

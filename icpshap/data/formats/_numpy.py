@@ -7,8 +7,8 @@ from io import BytesIO
 import numpy as np
 
 from icpshap.data.formats._cloud import as_doubles
-from icpshap.data.formats._lines import AXES, GET_AGAIN, no_time_column, shown
-from icpshap.data.formats._names import BY_KEY, named_axes, places_of, require_coordinates
+from icpshap.data.formats._lines import AXES, GET_AGAIN, shown
+from icpshap.data.formats._names import BY_KEY, places_by_name, places_of, require_coordinates
 from icpshap.errors import DataError
 
 HEADERS = {
@@ -77,19 +77,15 @@ def columns_of(where, array, columns, wanted):
 
 def _fields(where, array, wanted):
     names = list(array.dtype.names)
-    places = named_axes(names)
-    if array.ndim != 1 or [len(found) for found in places] != [1] * len(AXES):
+    places = places_by_name(where, names, wanted) if array.ndim == 1 else None
+    if places is None:
         raise DataError(
             f"{where}: an array of shape {array.shape} with the fields {', '.join(names)};"
             " expected one dimension, and x, y and z, each once.",
             f"rename the fields, or save the points without names; then {BY_KEY} says what they"
             " are.",
         )
-    found = [names[place] for (place,) in places]
-    for time in wanted[len(AXES) :]:
-        if time not in names:
-            raise no_time_column(where, time, names)
-        found.append(time)
+    found = [names[place] for place in places]
     if wrong := [name for name in found if array.dtype[name].kind not in "fiu"]:
         raise DataError(
             f"{where}: the field {wrong[0]} is of {array.dtype[wrong[0]]}, expected numbers.",

@@ -13,7 +13,6 @@ from icpshap.data.formats._lines import (
     GET_AGAIN,
     LONGEST,
     is_number,
-    no_time_column,
     not_a_number,
     shown,
     too_long,
@@ -21,6 +20,7 @@ from icpshap.data.formats._lines import (
 )
 from icpshap.data.formats._names import (
     named_axes,
+    places_by_name,
     places_of,
     require_coordinates,
     unknown_columns,
@@ -40,21 +40,12 @@ class Layout(NamedTuple):
     has_header: bool
 
 
-def read(path):
-    """Points (n, 3) [m] in the columns x, y and z, which a header line names; others are ignored.
-
-    Without a header, the first three columns. Raises DataError.
-    """
-    return read_columns(path, None, AXES)
-
-
-def read_timed(path, time):
-    """The same with the column of the name ``time`` after them, (n, 4)."""
-    return read_columns(path, None, (*AXES, time))
-
-
 def read_columns(path, columns, wanted):
-    """The `wanted` columns (n, k) of a file of these columns, whatever its first line says."""
+    """The `wanted` columns (n, k) of a file of these columns, whatever its first line says.
+
+    Else this names the columns, of which others are ignored; without it, x, y and z are the first
+    three. Raises DataError.
+    """
     with path.open("rb") as file:
         layout = _layout(path, file, columns, wanted)
         table = _read_table(path, file, layout)
@@ -83,13 +74,8 @@ def _layout(path, file, columns, wanted):
         if has_header and columns and len(cells) == len(columns):
             places = places_of(path, len(cells), columns, wanted)
             return Layout(separator, columns, [columns[place] for place in places], True)
-        axes = named_axes(cells)
-        if has_header and not columns and [len(places) for places in axes] == [1] * len(AXES):
-            for time in wanted[len(AXES) :]:
-                if cells.count(time) != 1:
-                    raise no_time_column(path, time, cells)
-            found = [*(cells[place] for (place,) in axes), *wanted[len(AXES) :]]
-            return Layout(separator, cells, found, True)
+        if has_header and not columns and (places := places_by_name(path, cells, wanted)):
+            return Layout(separator, cells, [cells[place] for place in places], True)
     raise _no_layout(path, line, header, columns)
 
 

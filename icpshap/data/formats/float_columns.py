@@ -13,20 +13,13 @@ NUSCENES = (*KITTI, "ring")
 VALUE = np.dtype("<f4")
 
 
-def read(path):
-    """Points (n, 3) [m] of rows of x, y, z and intensity. Raises DataError."""
-    return read_columns(path, KITTI, AXES)
-
-
-def read_timed(path, time):
-    """DataError: no column of such rows is a time; `columns` may name one."""
-    return read_columns(path, KITTI, (*AXES, time))
-
-
 def read_columns(path, columns, wanted):
-    """The `wanted` columns (n, k) of rows of these columns."""
-    with path.open("rb") as file:
-        content = file.read()
+    """The `wanted` columns (n, k) of rows of these columns, by default of KITTI's.
+
+    Raises DataError.
+    """
+    columns = columns or KITTI
+    content = path.read_bytes()
     width = len(columns)
     places = places_of(path, width, columns, wanted)
     if len(content) % (width * VALUE.itemsize):

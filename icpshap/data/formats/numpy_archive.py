@@ -18,21 +18,12 @@ MAXIMUM_BYTES = 2**31  # of an array
 MAXIMUM_EXPANSION = 1032  # of what zip files are compressed by
 
 
-def read(path):
-    """Points (n, 3) [m] of the array that is called like one of POINTS, or is the only one.
-
-    Else of the arrays x, y and z. Raises DataError.
-    """
-    return read_columns(path, None, AXES)
-
-
-def read_timed(path, time):
-    """The same with the array, or the field of the array of points, of the name ``time``."""
-    return read_columns(path, None, (*AXES, time))
-
-
 def read_columns(path, columns, wanted):
-    """The `wanted` columns (n, k) of an array of these columns."""
+    """The `wanted` columns (n, k) of the array that is called like one of POINTS, or the only one.
+
+    Else of the arrays x, y and z. Times are a column or field of the array of points, or an array
+    of their own. Raises DataError.
+    """
     try:
         with path.open("rb") as file, zipfile.ZipFile(file) as archive:
             members = {

@@ -10,13 +10,12 @@ from icpshap.data.formats._lines import (
     AXES,
     LONGEST,
     is_number,
-    no_time_column,
     not_a_number,
     too_long,
     wrong_width,
 )
 from icpshap.data.formats._names import (
-    named_axes,
+    places_by_name,
     places_of,
     require_coordinates,
     unknown_columns,
@@ -36,22 +35,13 @@ class Head(NamedTuple):
     separator: str | None
 
 
-def read(path):
-    """Points (n, 3) [m]. A first line may name the columns; else the first three are x, y, z.
-
-    Lines that begin with one of COMMENTS are left out; the last of them before the first point may
-    name the columns too. Raises DataError.
-    """
-    return read_columns(path, None, AXES)
-
-
-def read_timed(path, time):
-    """The same with the column of the name ``time`` after them, (n, 4)."""
-    return read_columns(path, None, (*AXES, time))
-
-
 def read_columns(path, columns, wanted):
-    """The `wanted` columns (n, k) of a file of these columns, whatever its first line says."""
+    """The `wanted` columns (n, k) of a file of these columns, whatever its first line says.
+
+    Else this may name the columns, or the first three are x, y, z. Lines that begin with one of
+    COMMENTS are left out; the last of them before the first point may name the columns too. Raises
+    DataError.
+    """
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         head = _head(path, file)
         if head is None:
@@ -91,7 +81,7 @@ def _head(path, file):
     if header and not header.startswith(COMMENTS):
         # Points may have been meant.
         names = _names(header, None)
-        if [len(places) for places in named_axes(names)] != [1] * len(AXES):
+        if places_by_name(path, names, AXES) is None:
             raise unknown_columns(f"{path}, line {header_number}", names, header)
     return None
 
@@ -110,15 +100,10 @@ def _named(path, head, wanted):
     if not head.header:
         return None
     names = _names(head.header, head.separator)
-    axes = named_axes(names)
-    if len(names) != head.width or [len(places) for places in axes] != [1] * len(AXES):
-        if head.header.startswith(COMMENTS):
-            return None
+    places = places_by_name(path, names, wanted) if len(names) == head.width else None
+    if places is None and not head.header.startswith(COMMENTS):
         raise unknown_columns(f"{path}, line {head.number}", names, head.header)
-    for time in wanted[len(AXES) :]:
-        if names.count(time) != 1:
-            raise no_time_column(path, time, names)
-    return [*(place for (place,) in axes), *map(names.index, wanted[len(AXES) :])]
+    return places
 
 
 def _values(path, file, head, places):
