@@ -16,6 +16,7 @@ from icpshap import causes as registry
 from icpshap import storage
 from icpshap.errors import UserError
 
+PAIR = ["sequence", "reference", "source"]
 INITIAL_XI = [f"initial_xi_{k}" for k in range(6)]
 XI = [f"xi_{k}" for k in range(6)]
 TRANSFORM = [f"T_{row}{column}" for row in range(4) for column in range(4)]

@@ -1,5 +1,7 @@
 """Whether the true motion between two scans, as their poses have it, can be right."""
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -7,15 +9,25 @@ from icpshap import se3
 
 OVERLAP_DISTANCE = 0.2  # m; the paper's distance between overlapping points
 SANITY_POINTS = 5000  # of the source at most, every k-th
+ROBOT = 1.0  # m; what is nearer moves along with the scanner, where no chain says otherwise
 
 
-def ground_truth_distance(reference, source, T_reference_source, minimum_range):
-    """Median distance [m] from source points to their nearest reference point, and a warning.
+class Fit(NamedTuple):
+    """How near two clouds lie at their true pose.
 
-    ``reference`` and ``source``: (n, 3), each in its own scanner frame; points within
-    ``minimum_range`` [m] (the robot itself, which moves along) are left out. The warning, "" if all
-    is well, says that the median is above 0.2 m (less than half of the source overlaps), or that
-    the clouds fit better with no motion or with the inverse motion (poses of the wrong convention).
+    distance [m]: median, from source points to their nearest reference point; better: the motion at
+    which they lie nearer to each other, in words, "" for none; better_distance [m]: there.
+    """
+
+    distance: float
+    better: str
+    better_distance: float
+
+
+def measured(reference, source, T_reference_source, minimum_range):
+    """The `Fit` of two clouds (n, 3), each in its own scanner frame.
+
+    Points within ``minimum_range`` [m] (the robot itself, which moves along) are left out.
     """
     reference = reference[np.linalg.norm(reference, axis=1) > minimum_range]
     source = source[np.linalg.norm(source, axis=1) > minimum_range]
@@ -32,11 +44,24 @@ def ground_truth_distance(reference, source, T_reference_source, minimum_range):
     }
     for description, T in others.items():
         if (other := median_distance(T)) < 0.9 * distance:
-            return distance, (
-                f"the ground truth looks wrong: {description} the clouds are nearer to each other"
-                f" (median {other:.3f} m) than at it ({distance:.3f} m). Hint: poses map scanner to"
-                " global frame, and line k belongs to scan k."
-            )
+            return Fit(distance, description, other)
+    return Fit(distance, "", np.nan)
+
+
+def ground_truth_distance(reference, source, T_reference_source, minimum_range):
+    """Median distance [m] from source points to their nearest reference point, and a warning.
+
+    Arguments as of `measured`. The warning, "" if all is well, says that the median is above 0.2 m
+    (less than half of the source overlaps), or that the clouds fit better with no motion or with
+    the inverse motion (poses of the wrong convention).
+    """
+    distance, better, other = measured(reference, source, T_reference_source, minimum_range)
+    if better:
+        return distance, (
+            f"the ground truth looks wrong: {better} the clouds are nearer to each other"
+            f" (median {other:.3f} m) than at it ({distance:.3f} m). Hint: poses map scanner to"
+            " global frame, and line k belongs to scan k."
+        )
     if distance > OVERLAP_DISTANCE:
         return distance, (
             f"the ground truth looks wrong, or the scans hardly overlap: at it, half of the source"

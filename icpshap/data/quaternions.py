@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from icpshap import se3
-from icpshap.data.ground_truth import ground_truth_distance
+from icpshap.data.ground_truth import ROBOT, ground_truth_distance
 from icpshap.data.layout import ORDERS, SCALAR_FIRST, SCALAR_LAST
 from icpshap.errors import DataError
 
@@ -18,7 +18,6 @@ OVER = np.deg2rad(120)  # tilt of a scanner that has rolled over
 NEAR = np.deg2rad(75)  # rotation from the identity, or from lying on its back
 MOST_PAIRS = 10  # of scans, by which orders are compared
 ENOUGH_PAIRS = 3  # of these that tell
-ROBOT = 1.0  # m; what is nearer moves along with the scanner
 
 
 def matrices(translations, quaternions, order):

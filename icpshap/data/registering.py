@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from icpshap import icp, se3
-from icpshap.data.ground_truth import OVERLAP_DISTANCE
+from icpshap.data.ground_truth import OVERLAP_DISTANCE, ROBOT
 from icpshap.data.scans import MINIMUM_POINTS
 from icpshap.errors import DataError
 from icpshap.geometry import nearest_distances
@@ -19,7 +19,6 @@ TRUTH = (
     "the true pose is what ICP itself answered (`poses: register`): errors are relative to that"
     " answer, and a bias that ICP has on these scans is hidden"
 )
-ROBOT = 1.0  # m; what is nearer moves along with the scanner
 VOXELS = 40  # in the median range of a scan
 SMALLEST_VOXEL, LARGEST_VOXEL = 0.02, 0.25  # m
 NEIGHBOURS = 20  # of a normal: enough to leave one ring of a spinning scanner

@@ -15,7 +15,7 @@ from icpshap.estimators import perturb
 from icpshap.estimators._descriptors import descriptor
 from icpshap.estimators.kind import COVARIANCES, UNSHARED, Covariance, Kind, of_definite
 from icpshap.options import option
-from icpshap.tables import DESCRIPTOR, covariances
+from icpshap.tables import DESCRIPTOR, PAIR, covariances
 
 
 class TrainingError(UserError):
@@ -90,7 +90,7 @@ class Learned(Kind):
         Raises TrainingError if fewer than `fewest_pairs` pairs are left.
         """
         others = table[table["sequence"] != leave_out]
-        pairs = len(others[["sequence", "reference", "source"]].drop_duplicates())
+        pairs = len(others[PAIR].drop_duplicates())
         if pairs < self.fewest_pairs:
             raise TrainingError(
                 f"{self.training} has runs of {pairs} pairs of other sequences than {leave_out} to "

@@ -213,7 +213,7 @@ def points_of_a_run(pair, setting, estimator, streams):
     Counted on the raw source, before anything moves its points.
     """
     draws = Draws(pair, estimator, None, streams)
-    in_range = np.linalg.norm(pair.source, axis=1) > estimator.perturbing.minimum_range
+    in_range = draws.in_range(pair.source)
     counts = []
     for noise_draw, runs in enumerate(draws.shares()):
         usable = draws.kept(setting, "source", noise_draw) & in_range
@@ -323,7 +323,7 @@ class Draws:
         points = moved
         for cause, level in self._moves(setting):
             points = cause.move_again(points, "reference", level, noise_draw, self.streams)
-        usable = self.kept(setting, "reference", noise_draw) & self._in_range(points)
+        usable = self.kept(setting, "reference", noise_draw) & self.in_range(points)
         return points[usable]
 
     def _moves(self, setting):
@@ -362,8 +362,8 @@ class Draws:
             source = cause.replace(self.pair, reference, source, level, self.streams)
             self._refuse_others(cause, setting)
         if self.replacing:
-            return source, self._in_range(source)
-        return source, self.kept(setting, "source", noise_draw) & self._in_range(source)
+            return source, self.in_range(source)
+        return source, self.kept(setting, "source", noise_draw) & self.in_range(source)
 
     def _refuse_others(self, replacing, setting):
         others = [cause for cause, _ in _on([*self.keeping, *self.thinning], setting)]
@@ -386,7 +386,7 @@ class Draws:
                 kept &= cause.keep(self.pair, scan, level, noise_draw, self.streams)
         return kept
 
-    def _in_range(self, points):
+    def in_range(self, points):
         return np.linalg.norm(points, axis=1) > self.perturbing.minimum_range
 
     def _initial(self, setting, runs):

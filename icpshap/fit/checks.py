@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 
 from icpshap.errors import DataError
+from icpshap.tables import PAIR
 
 GRADES = ("red", "remark", "fits")  # the gravest first
-PAIR = ["sequence", "reference", "source"]
 
 RING_SHARE = (
     0.8,
@@ -298,17 +298,20 @@ def complete(numbers, uncertainty, off):
         if (found := check(row)) is not None
     ]
     joined = pd.concat([table(numbers), _frame(judged)], ignore_index=True)
-    order = dict.fromkeys(zip(*(numbers[name] for name in PAIR), strict=True))
-    place = {pair: k for k, pair in enumerate(order)}
-    of_rows = [place[pair] for pair in zip(*(joined[name] for name in PAIR), strict=True)]
+    place = {pair: k for k, pair in enumerate(_pairs(numbers))}
+    of_rows = [place[pair] for pair in _pairs(joined)]
     return joined.iloc[np.argsort(of_rows, kind="stable")].reset_index(drop=True)
+
+
+def _pairs(table):
+    """The pair of each row: sequence, reference, source."""
+    return list(table[PAIR].itertuples(index=False, name=None))
 
 
 def marked(shap, fit):
     """A shap table with `misfit`, what breaks the numbers of its pair."""
     found = red(fit)
-    pairs = zip(*(shap[name] for name in PAIR), strict=True)
-    return shap.assign(misfit=[found.get(pair, "") for pair in pairs])
+    return shap.assign(misfit=[found.get(pair, "") for pair in _pairs(shap)])
 
 
 def _frame(judged):

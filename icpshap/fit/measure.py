@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from icpshap import se3
-from icpshap.data.ground_truth import ground_truth_distance
+from icpshap.data import ground_truth
 from icpshap.errors import PerturbationError
 from icpshap.estimators import perturb
 from icpshap.geometry import nearest_distances, nearest_to_cell_centres
@@ -30,12 +30,11 @@ def measure(pair, estimator, levels, streams):
     clean = Setting.at({name: off[name] for name in levels})
     minimum_range = estimator.perturbing.minimum_range
     neighbourhood = estimator.kind.neighbourhood
-    reference = clean_reference(pair, clean, estimator, streams)
+    draws = perturb.Draws(pair, estimator, None, streams)
+    reference = draws.seen_reference(clean, pair.reference, 0)
     of_normals = normals(reference, neighbourhood)
-    in_range = [
-        scan[np.linalg.norm(scan, axis=1) > minimum_range] for scan in (pair.reference, pair.source)
-    ]
-    distance, wrong = ground_truth_distance(
+    in_range = [scan[draws.in_range(scan)] for scan in (pair.reference, pair.source)]
+    at_truth = ground_truth.measured(
         pair.reference, pair.source, pair.T_reference_source, minimum_range
     )
     return {
@@ -48,8 +47,8 @@ def measure(pair, estimator, levels, streams):
         **overlap(pair),
         "duplicate_share": duplicate_share(*in_range),
         **ranges(pair, minimum_range),
-        "median_distance": distance,
-        "pose_is_wrong": "fit" in wrong or "nearer to each other" in wrong,
+        "median_distance": at_truth.distance,
+        "pose_is_wrong": bool(at_truth.better),
     }
 
 
@@ -74,14 +73,6 @@ def _options(perturbing):
 def _in_metres(estimator):
     noise = estimator.causes.get("sensor_noise")
     return noise is not None and noise.sensor == "none"
-
-
-def clean_reference(pair, clean, estimator, streams):
-    """The reference (n, 3) [m] of the clean setting, as the estimator sees it, without noise."""
-    draws = perturb.Draws(pair, estimator, None, streams)
-    kept = draws.kept(clean, "reference", 0)
-    in_range = np.linalg.norm(pair.reference, axis=1) > estimator.perturbing.minimum_range
-    return pair.reference[kept & in_range]
 
 
 def normals(points, neighbourhood):

@@ -205,8 +205,14 @@ def html(table, study):
     ]
     if any(np.isfinite(row.quantile) for row in rows):
         body += [
-            ["95 % of the results within, clean", *map(_clean_quantile, rows)],
-            ["95 % of the results within, with all causes on", *map(_quantile, rows)],
+            [
+                "95 % of the results within, clean",
+                *(_quantile(row.clean_quantile, row.clean_quantile_ends) for row in rows),
+            ],
+            [
+                "95 % of the results within, with all causes on",
+                *(_quantile(row.quantile, row.quantile_ends) for row in rows),
+            ],
         ]
     for number, part in enumerate(rows[0].parts):
         body += [
@@ -221,14 +227,9 @@ def _heading(row):
     return name.get(row.name, f"standard deviation along the {row.words} direction")
 
 
-def _clean_quantile(row):
-    known = np.isfinite(row.clean_quantile)
-    return f"{words.significant(row.clean_quantile)}{row.clean_quantile_ends}" if known else ""
-
-
-def _quantile(row):
-    known = np.isfinite(row.quantile)
-    return f"{words.significant(row.quantile)}{row.quantile_ends}" if known else ""
+def _quantile(value, ends):
+    """A quantile with its interval; "" where there is none."""
+    return f"{words.significant(value)}{ends}" if np.isfinite(value) else ""
 
 
 def _made_by(row, number):

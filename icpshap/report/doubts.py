@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from icpshap.report import words
-from icpshap.report.study import PAIR, pairs_of
+from icpshap.report.study import pairs_of
 
 FEW_PAIRS = 4  # are named one by one
 
@@ -160,7 +160,7 @@ def _by_remark(table):
 
 
 def _where(rows, study):
-    names = [study.pair(row) for row in rows.drop_duplicates(PAIR).itertuples()]
+    names = [study.pair(row) for row in pairs_of(rows).itertuples()]
     return ", ".join(names) if len(names) <= FEW_PAIRS else f"{len(names)} pairs"
 
 

@@ -26,8 +26,6 @@ from icpshap.report.study import Study
 TEMPLATE = Path(__file__).with_suffix(".html")
 POINTS_TO_PIXELS = 1.8  # a figure fills the page's column of 58 rem
 FEW_PAIRS = 5  # of a sequence, below which medians over them say nothing of the sequence
-
-
 OF_FIT = ("truth", "counting")  # doubts of a pair that the fit table has
 
 
@@ -191,6 +189,7 @@ def _described_estimators(part, folder):
 def _described(section, folder):
     study = section.study
     anchor = section.scope.replace("/", "-")
+    said = _said(section)
     ranked = section.ranking is not None and section.ranking.n_pairs.max() >= FEW_PAIRS
     method = [
         *captions.method(section.shap, study),
@@ -213,7 +212,7 @@ def _described(section, folder):
         "errors_note": directions.note(section.directions, study),
         "table": Markup(tables.html(section.ranking, study)) if ranked else "",
         "table_note": tables.note(section.ranking, study) if ranked else "",
-        "figures": [_figure(path, anchor, folder, _said(section)) for path in section.figures],
+        "figures": [_figure(path, anchor, folder, said) for path in section.figures],
         "links": [_relative(link, folder) for link in section.links],
     }
 

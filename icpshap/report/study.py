@@ -7,8 +7,7 @@ import numpy as np
 from icpshap import estimators
 from icpshap.causes import players
 from icpshap.explanation.readings import READINGS
-
-PAIR = ["sequence", "reference", "source"]
+from icpshap.tables import PAIR
 
 
 @dataclass(frozen=True)

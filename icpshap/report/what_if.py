@@ -5,7 +5,7 @@ import pandas as pd
 from tabulate import tabulate
 
 from icpshap.report import words
-from icpshap.report.study import PAIR
+from icpshap.report.study import PAIR, pairs_of
 
 AS_IT_IS = "as it is"
 HELPS = 0.9  # times the error, below which a change is said to lower it
@@ -61,7 +61,7 @@ def advice(table, study):
     now, tried = rows.iloc[0], rows.iloc[1:]
     if np.isnan(now.error):
         return "What was tried returns no pose samples, and so no error to lower."
-    several = ", in the median over pairs" * (len(table.drop_duplicates(PAIR)) > 1)
+    several = ", in the median over pairs" * (len(pairs_of(table)) > 1)
     better = tried[tried.error < HELPS * now.error]
     if better.empty:
         names = words.listed([row.what_if.replace("_", " ") for row in tried.itertuples()])
@@ -103,7 +103,7 @@ def _header(study):
 
 
 def _cells(table):
-    one = len(table.drop_duplicates(PAIR)) == 1
+    one = len(pairs_of(table)) == 1
     for _, row in medians(table).iterrows():
         ends = (row.f_low, row.f_high) if one else (np.nan, np.nan)
         share = "" if np.isnan(row.wrong_basin_share) else f"{row.wrong_basin_share:.0%}"

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from known_files import walls_of
 
 from icpshap import se3
 from icpshap.data.folder import find_folder_files
@@ -17,12 +18,7 @@ from icpshap.data.scans import read_scan
 def room_pair():
     """Two scans of a 6 m x 4 m x 3 m box of 20,000 points, and of the robot, which moves along."""
     generator = np.random.default_rng(3)
-    size = np.array([6.0, 4.0, 3.0])
-    walls = generator.uniform(0, size, (20_000, 3))
-    axis = generator.integers(0, 3, len(walls))
-    walls[np.arange(len(walls)), axis] = (
-        generator.integers(0, 2, len(walls)) * size[axis]
-    ).tolist()
+    walls = walls_of(np.array([6.0, 4.0, 3.0]), 20_000, generator)
     T_global_local = se3.exp([[0, 0, 0.2, 2.0, 1.5, 1.2], [0, 0, 0.5, 2.5, 2.0, 1.2]])
     robot = generator.uniform(-0.3, 0.3, (30_000, 3))
     reference, source = (

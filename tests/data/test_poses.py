@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from known_files import POSES, written
+from known_files import POSES, walls_of, written
 from misbehaving_server import poses_csv
 from scipy.spatial.transform import Rotation
 
@@ -245,10 +245,7 @@ def test_a_pose_for_each_scan_needs_no_names(tmp_path):
 def walk():
     """Scans of a hall from a scanner that turns by little and walks, and their poses (5, 4, 4)."""
     generator = np.random.default_rng(4)
-    size = np.array([9.0, 7.0, 3.0])
-    walls = generator.uniform(0, size, (30_000, 3))
-    axis = generator.integers(0, 3, len(walls))
-    walls[np.arange(len(walls)), axis] = generator.integers(0, 2, len(walls)) * size[axis]
+    walls = walls_of(np.array([9.0, 7.0, 3.0]), 30_000, generator)
     walls[:9000] = generator.uniform([2, 2, 0], [2.5, 3, 2], (9000, 3))
     steps = np.arange(5)[:, None]
     xi = np.hstack([0.05 * steps, 0.02 * steps, 0.15 * steps, 3 + 0.4 * steps, 4 - 0.2 * steps])

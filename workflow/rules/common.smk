@@ -306,6 +306,16 @@ def descriptors_of_job(wildcards):
     ]
 
 
+def scan_files_of_pairs(wildcards):
+    """The scans of all pairs of a sequence, in the order of their indices."""
+    scans = scans_of_pairs(wildcards)
+    return [at(paths.SCAN, sequence=wildcards.sequence, index=index) for index in scans]
+
+
+def overlaps_of_pairs(wildcards):
+    return [of_pair(paths.OVERLAP, wildcards, pair) for pair in pairs_of(wildcards)]
+
+
 def scans_of_pairs(wildcards):
     """Indices of the scans of all pairs of a sequence."""
     return sorted({index for pair in pairs_of(wildcards) for index in pair})

@@ -37,14 +37,9 @@ rule check_pair:
 rule measure_fit:
     """Measure how the settings of an experiment fit the scans of a sequence."""
     input:
-        scans=lambda wildcards: [
-            at(paths.SCAN, sequence=wildcards.sequence, index=index)
-            for index in scans_of_pairs(wildcards)
-        ],
+        scans=scan_files_of_pairs,
         poses=poses_for(paths.FIT_NUMBERS, plan_of_fit),
-        overlaps=lambda wildcards: [
-            of_pair(paths.OVERLAP, wildcards, pair) for pair in pairs_of(wildcards)
-        ],
+        overlaps=overlaps_of_pairs,
     output:
         paths.FIT_NUMBERS,
     log:

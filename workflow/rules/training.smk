@@ -8,14 +8,9 @@ in `training`
 rule train_estimator:
     """Descriptors of a sequence's perturbed pairs, and the covariances of their runs."""
     input:
-        scans=lambda wildcards: [
-            at(paths.SCAN, sequence=wildcards.sequence, index=index)
-            for index in scans_of_pairs(wildcards)
-        ],
+        scans=scan_files_of_pairs,
         poses=paths.POSES,
-        overlaps=lambda wildcards: [
-            of_pair(paths.OVERLAP, wildcards, pair) for pair in pairs_of(wildcards)
-        ],
+        overlaps=overlaps_of_pairs,
         pairs=checks_of_pairs,
         runs=runs_of_sequence,
         estimates=estimates_of_sequence,
