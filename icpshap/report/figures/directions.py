@@ -65,7 +65,7 @@ def _draw(axes, y, row, shown):
         colour = COLOURS(0.5 + 0.5 * PALEST * part.value / total)
         _cell(axes, x, y, colour, part.value, size, f"→ {directions.deviation(part.remaining)}")
         if part.unsure:
-            axes.plot(x + 0.88, y + 0.25, color=readable(colour), **RING)
+            axes.plot(x + 0.88, y + 0.73, color=readable(colour), **RING)
     _cell(axes, len(shown) + 1, y, PLAIN, row.value, size)
     before, after = directions.deviation(row.clean), directions.deviation(row.value)
     text = f"{before} → {after} {row.unit}"

@@ -192,7 +192,9 @@ def _draw_scans(figure, scene):
         axes.set_xlim(limits[:, 0] + [-0.5, 0.5])
         axes.set_ylim(limits[:, 1] + [-0.5, 0.5])
         axes.set_xlabel("x of the reference [m]")
-        legend = axes.legend(loc="upper right", handletextpad=0.1, borderpad=0.2)
+        # Framed: points may lie behind it.
+        look = {"frameon": True, "framealpha": 0.9, "edgecolor": "none"}
+        legend = axes.legend(loc="upper right", handletextpad=0.1, borderpad=0.2, **look)
         for handle in legend.legend_handles:
             handle.set_sizes([12])
     panels[0].set_ylabel("y of the reference [m]")
