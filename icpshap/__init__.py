@@ -1,6 +1,16 @@
 """icpshap: why is this point cloud registration uncertain?"""
 
 from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from icpshap.explanation.games import load_explanation
+    from icpshap.one_pair.explanation import Explanation
+    from icpshap.one_pair.given import read_scan
+    from icpshap.one_pair.recipe import explain, fit
+    from icpshap.presets import LIDAR, PAPER, RELEASED_CODE, ROBUST
 
 # Where each public name lives; it is imported when it is used, since some of them take a second.
 _HOMES = {
@@ -8,16 +18,30 @@ _HOMES = {
     "PAPER": "icpshap.presets",
     "RELEASED_CODE": "icpshap.presets",
     "ROBUST": "icpshap.presets",
+    "Explanation": "icpshap.one_pair.explanation",
+    "explain": "icpshap.one_pair.recipe",
+    "fit": "icpshap.one_pair.recipe",
     "load_explanation": "icpshap.explanation.games",
+    "read_scan": "icpshap.one_pair.given",
 }
-__all__ = sorted(_HOMES)
+__all__ = [
+    "LIDAR",
+    "PAPER",
+    "RELEASED_CODE",
+    "ROBUST",
+    "Explanation",
+    "explain",
+    "fit",
+    "load_explanation",
+    "read_scan",
+]
 
 
-def __getattr__(name):
+def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(_HOMES[name]), name)
 
 
-def __dir__():
+def __dir__() -> list[str]:
     return __all__

@@ -25,7 +25,11 @@ from icpshap.schema import EXPERIMENT_KEYS
 
 
 class ConfigError(UserError):
-    """The configuration is wrong; the message lists every error."""
+    """The configuration is wrong; `errors` and the message list everything that is."""
+
+    def __init__(self, message, errors=()):
+        super().__init__(message)
+        self.errors = errors
 
 
 @dataclass(frozen=True)
@@ -156,7 +160,8 @@ def load(config):
         lines = "\n".join(f"  - {error}" for error in errors)
         raise ConfigError(
             f"The configuration has {len(errors)} error(s):\n{lines}\n"
-            "Hint: config.yaml explains every key; config/demo.yaml shows how to override them."
+            "Hint: config.yaml explains every key; config/demo.yaml shows how to override them.",
+            errors,
         )
     experiments, by_estimator, changes = _expanded(config["experiments"])
     run = [part for name in config["run"] for part in by_estimator.get(name, {name: name}).values()]
@@ -339,7 +344,7 @@ def _inherited(blocks, name):
     while "based_on" in block:
         base = block["based_on"]
         if not isinstance(base, str) or base not in blocks:
-            raise _Unresolved(f"{names[-1]}.based_on: {_unknown(base, blocks)}")
+            raise _Unresolved(f"{names[-1]}.based_on: {unknown(base, blocks)}")
         if base in names:
             raise _Unresolved(f"{name}.based_on: circle {' -> '.join([*names, base])}")
         names.append(base)
@@ -381,7 +386,7 @@ def _inconsistencies(config, broken):
         # A violation may lie in an entry of the list: its path is longer than the key's.
         for name in [] if any(path[:1] == (key,) for path in broken) else config[key]:
             if name not in names:
-                yield f"{key}: {_unknown(name, names)} Hint: define it under {section}"
+                yield f"{key}: {unknown(name, names)} Hint: define it under {section}"
     for section, names in RESERVED.items():
         for name in names:
             if name in config[section]:
@@ -600,7 +605,7 @@ def _who_estimates(where, block, estimators, sound):
 
 def _of_estimator(where, block, name, estimators, sound):
     if name not in estimators:
-        yield f"{where}: {_unknown(name, estimators)}"
+        yield f"{where}: {unknown(name, estimators)}"
     elif sound and (preset := _preset(estimators, name)):
         yield from _what_the_estimator_cannot(where, block, name, preset)
 
@@ -724,7 +729,7 @@ def _training_of(name, block, estimator, kind, config):
     data, estimators, experiments = config["data"], config["estimators"], config["experiments"]
     where, training = f"estimators.{estimator}.training", kind.training
     if training not in experiments:
-        yield f"{where}: {_unknown(training, experiments)} Hint: define it under experiments"
+        yield f"{where}: {unknown(training, experiments)} Hint: define it under experiments"
         return
     other, errors = _complete("experiments", experiments, training, EXPERIMENT_KEYS)
     if errors or any(
@@ -782,14 +787,14 @@ def _experiment_inconsistencies(where, block, data):
             yield f"{where}.sequences: missing; `pairs: consecutive` needs it"
         for sequence in block.get("sequences", []):
             if sequence not in data:
-                yield f"{where}.sequences: {_unknown(sequence, data)}"
+                yield f"{where}.sequences: {unknown(sequence, data)}"
     elif "sequences" in block:
         yield f"{where}.sequences: a list of pairs names its own sequences. Hint: remove the key"
     listed = block["pairs"] if block["pairs"] != "consecutive" else []
     for key, pairs in (("pairs", listed), ("scenes", block.get("scenes", []))):
         for pair in pairs:
             if pair["sequence"] not in data:
-                yield f"{where}.{key}: {_unknown(pair['sequence'], data)}"
+                yield f"{where}.{key}: {unknown(pair['sequence'], data)}"
                 continue
             scans = data[pair["sequence"]]["scans"]
             for role in ("reference", "source"):
@@ -872,7 +877,7 @@ def _instance_inconsistencies(where, block):
         for name in couple:
             if name not in causes:
                 yield (
-                    f"{where}.dependence: {_unknown(name, causes, 'cause of the experiment')} "
+                    f"{where}.dependence: {unknown(name, causes, 'cause of the experiment')} "
                     "Hint: name it under instances"
                 )
 
@@ -900,7 +905,7 @@ def _waterfall_inconsistencies(where, waterfall, form, causes):
         yield f"{where}.waterfall: is not the fixed instance"
 
 
-def _unknown(name, names, what="name"):
+def unknown(name, names, what="name"):
     """A sentence, with its end."""
     close = difflib.get_close_matches(str(name), [str(known) for known in names], n=1)
     if close:
@@ -985,7 +990,7 @@ def _describe(error, kinds):
         missing = [key for key in error.validator_value if key not in value]
         return [f"{where}: missing {', '.join(missing)}"]
     if error.validator == "enum":
-        return [f"{where}: {_unknown(value, error.validator_value)}"]
+        return [f"{where}: {unknown(value, error.validator_value)}"]
     if error.validator == "uniqueItems":
         twice = next(item for item in value if value.count(item) > 1)
         return [f"{where}: {error.message}. Hint: keep one {twice!r}"]
@@ -1013,7 +1018,7 @@ def _unknown_key(key, known, path, kinds):
             f"this estimator is of the kind {kinds[path[1]]}. Hint: leave it out, or change `kind`"
         )
     what = "cause" if set(known) == set(CAUSES) else "key"
-    return _unknown(key, known, what)
+    return unknown(key, known, what)
 
 
 def _dotted(path):

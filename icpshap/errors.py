@@ -1,5 +1,7 @@
 """The errors that are the user's to mend."""
 
+from contextlib import contextmanager
+
 
 class UserError(ValueError):
     """A mistake of the user's; the message says what was expected, and hints at what to do."""
@@ -14,3 +16,16 @@ class DataError(UserError):
 
     def __init__(self, problem, hint):
         super().__init__(f"{problem}\nHint: {hint}")
+
+
+@contextmanager
+def extra(name, *packages):
+    """Where packages of an extra are imported: a UserError says what to install."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in packages:
+            raise
+        raise UserError(
+            f"{error.name} is not installed.\nHint: pip install 'icpshap[{name}]'"
+        ) from None

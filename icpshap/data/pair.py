@@ -32,11 +32,17 @@ class Pair:
     minimum_range: float = 0.0
 
     @classmethod
-    def measured(cls, reference, source, T_reference_source, overlap_distance):
+    def measured(cls, reference, source, T_reference_source, overlap_distance, source_times=None):
         """The pair of two scans, whose overlap is measured."""
         distances = nearest_distances(reference, source, T_reference_source)
-        overlapping = distances <= overlap_distance
-        return cls(reference, source, T_reference_source, overlapping, overlap_distance)
+        return cls(
+            reference,
+            source,
+            T_reference_source,
+            distances <= overlap_distance,
+            overlap_distance,
+            source_times,
+        )
 
     def for_chain(self, minimum_range):
         """The pair for a chain with this minimum range [m]."""

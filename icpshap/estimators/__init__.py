@@ -108,18 +108,20 @@ def option_owners(kind):
     return [KINDS[kind], Perturbing, *CAUSES.values()]
 
 
-def estimate(pair, settings, estimator, deviation, streams):
+def estimate(pair, settings, estimator, deviation, streams, mapped=map):
     """The tables of runs and of estimates of a pair, each in the order of the settings.
 
     pair: data.pair.Pair; settings: list of plan.Setting; deviation (6,): standard deviation of the
-    initial pose at scale 1; streams: perturb.Streams of the pair. A table that the estimator does
-    not return is None. Raises PerturbationError if a setting cannot be applied to the pair,
+    initial pose at scale 1; streams: perturb.Streams of the pair; mapped: calls a function for each
+    group of settings, as `map` does, or in several threads. A table that the estimator does not
+    return is None. Raises PerturbationError if a setting cannot be applied to the pair,
     UserError if the clean runs say nothing, TypeError if the estimator does not return what it
     says.
     """
     runs, estimates = defaultdict(list), defaultdict(list)
-    for group in perturb.groups(pair, settings, estimator, deviation, streams):
-        for returned in estimator.kind.estimate(group):
+    groups = perturb.groups(pair, settings, estimator, deviation, streams)
+    for of_group in mapped(lambda group: list(estimator.kind.estimate(group)), groups):
+        for returned in of_group:
             if isinstance(returned, Samples):
                 runs[returned.setting].append(_runs_frame(pair, returned))
             else:

@@ -12,13 +12,12 @@ import pandas as pd
 
 from icpshap.explanation import shapley
 from icpshap.explanation.intervals import independent_runs
-from icpshap.explanation.patterns import alike
 from icpshap.explanation.ranking import quantiles
 from icpshap.explanation.uncertainty import (
     Estimate,
     columns_of,
+    covariances,
     estimate,
-    kept_runs,
     mean_of_games,
     over_replicates,
 )
@@ -81,15 +80,7 @@ def weakest_directions(replicates, rows, method, scaled):
     scaled (6, 6): from pose errors to metres in the reference's axes. Of either sign that makes the
     largest component positive; NaN where too few runs are left.
     """
-    covariance = np.zeros((len(rows[0]), 6, 6))
-    for sample, games in zip(replicates, rows, strict=True):
-        found = np.full_like(covariance, np.nan)
-        for kept, members in alike(kept_runs(sample, games, method)):
-            if kept.sum() < sample.fewest:
-                continue
-            weights = kept[None].astype(float)
-            found[members] = sample.spread(games[members, -1], weights, method).covariance[:, 0]
-        covariance += found / len(replicates)
+    covariance = covariances(replicates, rows, -1, method)
     vectors = np.full((len(covariance), 6), np.nan)
     known = np.isfinite(covariance).all(axis=(1, 2))
     if known.any():

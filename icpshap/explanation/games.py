@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from icpshap.errors import UserError
+from icpshap.errors import UserError, extra
 from icpshap.explanation import shapley
 from icpshap.explanation.directions import directions_table
 from icpshap.explanation.doubts import (
@@ -356,14 +356,19 @@ def _mirrored(sample, rows, method, number):
 
 
 def load_explanation(path):
-    """The shap.Explanation of a shap.parquet: values, base values, data, names and bounds.
+    """The shap.Explanation of a shap.parquet; see `shap_explanation`. Raises UserError as that."""
+    return shap_explanation(pd.read_parquet(path), path)
+
+
+def shap_explanation(table, where="the table"):
+    """The shap.Explanation of a shap table: values, base values, data, names and bounds.
 
     Rows without a value (`reason` or `warning` says why) are left out. Raises UserError if the
-    file holds no Shapley values.
+    table, of which `where` tells, holds no Shapley values, or shap is not installed.
     """
-    import shap
+    with extra("plots", "shap"):
+        import shap
 
-    table = pd.read_parquet(path)
     names = [
         column.removeprefix("phi_").removesuffix("_low")
         for column in table
@@ -371,7 +376,7 @@ def load_explanation(path):
     ]
     if not names:
         raise UserError(
-            f"{path}: no column phi_<cause>_low.\n"
+            f"{where}: no column phi_<cause>_low.\n"
             "Hint: give the path of a shap.parquet, such as results/<experiment>/shap.parquet."
         )
     phi = [f"phi_{name}" for name in names]

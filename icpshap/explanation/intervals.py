@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtri, stdtrit
 
 CONFIDENCE = 0.95
 
@@ -73,7 +72,7 @@ class Resampling:
         left_out = values[self.units]
         if len(left_out) == 0:
             return np.full((2, *values.shape[1:]), np.nan)
-        half = np.sqrt(jackknife_variance(left_out)) * student.ppf(upper, len(left_out) - 1)
+        half = np.sqrt(jackknife_variance(left_out)) * stdtrit(len(left_out) - 1, upper)
         middle = self.jackknife(values)
         return middle - half, middle + half
 
@@ -117,7 +116,7 @@ def of_units(share, by_unit, number):
         variance = np.nansum(np.square(by_unit - middle), axis=-1) / (units - 1) / units
     binomial = share * (1 - share)
     size = np.divide(binomial, variance, out=np.full_like(share, np.inf), where=variance > 0)
-    return np.minimum(size, number), student.ppf((1 + CONFIDENCE) / 2, units - 1)
+    return np.minimum(size, number), stdtrit(units - 1, (1 + CONFIDENCE) / 2)
 
 
 def independent_runs(share, marked, weight, noise_draw):
@@ -130,7 +129,7 @@ def independent_runs(share, marked, weight, noise_draw):
     number = weight.sum(axis=-1)
     draws = np.unique(noise_draw)
     if len(draws) == 1:
-        return number, norm.ppf((1 + CONFIDENCE) / 2)
+        return number, ndtri((1 + CONFIDENCE) / 2)
     of_draw = (noise_draw[:, None] == draws).astype(float)
     counted = weight @ of_draw
     by_draw = np.full_like(counted, np.nan)
@@ -141,6 +140,6 @@ def independent_runs(share, marked, weight, noise_draw):
 def mean_interval(values):
     """Mean of independent values (m, ...) with the ends of its interval, each (...)."""
     m = len(values)
-    half = values.std(axis=0, ddof=1) / np.sqrt(m) * student.ppf((1 + CONFIDENCE) / 2, m - 1)
+    half = values.std(axis=0, ddof=1) / np.sqrt(m) * stdtrit(m - 1, (1 + CONFIDENCE) / 2)
     middle = values.mean(axis=0)
     return middle, middle - half, middle + half

@@ -118,6 +118,24 @@ def kept_runs(sample, games, method, leave_out=None):
     return ~dropped[games].any(axis=1)
 
 
+def covariances(replicates, rows, place, method):
+    """Covariances (i, 6, 6) of the settings at a place of games, of the runs that f is read off.
+
+    replicates: list of samples, of which it is the mean; rows (i, g): of each, the settings of the
+    games; rotation first [rad, m], with the covariance floor. NaN where too few runs are left.
+    """
+    mean = np.zeros((len(rows[0]), 6, 6))
+    for sample, games in zip(replicates, rows, strict=True):
+        found = np.full_like(mean, np.nan)
+        for kept, members in alike(kept_runs(sample, games, method)):
+            if kept.sum() >= sample.fewest:
+                weights = kept[None].astype(float)
+                settings = games[members, place]
+                found[members] = sample.spread(settings, weights, method).covariance[:, 0]
+        mean += found / len(replicates)
+    return mean
+
+
 def _own_values(sample, games, method):
     """f by the method's reading, each setting once however many games share it."""
 

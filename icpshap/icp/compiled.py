@@ -20,8 +20,8 @@ from icpshap.icp.healing import heal
 
 
 def jit(function):
-    """The function, compiled when it is first called."""
-    return heal(numba.njit(function, cache=True, error_model="numpy"))
+    """The function, compiled when it is first called; threads run it side by side."""
+    return heal(numba.njit(function, cache=True, nogil=True, error_model="numpy"))
 
 
 log = logging.getLogger(__name__)

@@ -44,12 +44,17 @@ def provenance(config, sequences, root, logs):
         "written": datetime.now(UTC).isoformat(timespec="seconds"),
         "commit": commit(root),
         "python": platform.python_version(),
-        "packages": {name: _version(name) for name in PACKAGES},
+        "packages": packages(),
         "host": host(),
         "data": {key: LICENCES[kind] for key, kind in sequences.items()},
         "jobs": job_times(logs, {*config["run"], *sequences}).to_dict(orient="records"),
         "config": config,
     }
+
+
+def packages():
+    """Versions by name of the packages that decide numbers or pictures."""
+    return {name: _version(name) for name in PACKAGES}
 
 
 def commit(root):

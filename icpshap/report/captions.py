@@ -119,25 +119,26 @@ def significance(table, study):
 
 
 def finding(table, directions_table, study):
-    """The main finding of an experiment: the pose error, then f; what limits it comes first."""
+    """The main finding of an experiment, after its name and its pairs."""
+    told = found(table, directions_table, study)
+    return f"{study.name} ({which_pairs(table, study)}): {told}"
+
+
+def found(table, directions_table, study):
+    """The main finding: the pose error, then f; what limits it comes first."""
     error = pose_error.sentence(directions_table, study)
-    where = f"{study.name} ({which_pairs(table, study)})"
-    if broken := fit.misfits(table, study):
-        where = f"{where}: {broken} As it is"
-    if error:
-        where += f": {error}. In f [{study.unit}]"
+    broken = fit.misfits(table, study)
+    start = f"{broken} As it is: " * bool(broken) + f"{error}. In f [{study.unit}]: " * bool(error)
+    first = [effects.success(table, study), effects.no_basin(table, study)]
     if len(study.valued(table)) == 0:
-        first = [effects.success(table, study), effects.no_basin(table, study)]
-        found = f"{where}: {'; '.join(filter(None, [*first, 'no pair has a value']))}."
-        return " ".join([found, *effects.shares(table, study)])
+        parts = "; ".join([*filter(None, first), "no pair has a value"])
+        return " ".join([f"{start}{parts}.", *effects.shares(table, study)])
     rows = {cause: study.present(table, cause) for cause in study.shown(table)}
     rows = {cause: part for cause, part in rows.items() if len(part)}
     if not rows:
-        return f"{where}: nothing was perturbed."
-    first = [effects.success(table, study), effects.no_basin(table, study)]
+        return f"{start}nothing was perturbed."
     first.append(effects.shrinking(table, study, with_error=not error))
-    parts = [*filter(None, first), *_contributions(rows, table, study)]
-    return f"{where}: {'; '.join(parts)}."
+    return f"{start}{'; '.join([*filter(None, first), *_contributions(rows, table, study)])}."
 
 
 def _contributions(rows, table, study):

@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from icpshap import estimators
-from icpshap.causes import players
+from icpshap.causes import players, variants_of
 from icpshap.explanation.readings import READINGS
+from icpshap.options import values
 from icpshap.tables import PAIR
 
 
@@ -34,6 +35,24 @@ class Study:
     waterfall: dict | None = None
     variants: dict = field(default_factory=dict)
     options: dict = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, name, estimator, preset, causes, **shown):
+        """That of a presets.Preset and the names of causes; shown: the fields that say what is."""
+        method = preset.method
+        return cls(
+            name=name,
+            estimator=estimator,
+            kind=preset.estimator.kind.name,
+            causes=tuple(causes),
+            divergence=method.divergence,
+            noise_draws=preset.estimator.perturbing.noise_draws,
+            bias_correction=method.bias_correction,
+            wrong_basins=method.wrong_basins,
+            variants=variants_of(preset.estimator.of_causes(causes).causes),
+            options=values(preset.estimator.kind),
+            **shown,
+        )
 
     @property
     def unit(self):
@@ -94,9 +113,9 @@ class Study:
         on = [table[cause.name] != cause.off for cause in causes]
         return self.valued(table[np.all(on, axis=0)])
 
-    def instance(self, table, values):
+    def instance(self, table, levels):
         """The rows of one instance, given by a value for each cause."""
-        return table[np.all([np.isclose(table[n], values[n]) for n in self.causes], axis=0)]
+        return table[np.all([np.isclose(table[n], levels[n]) for n in self.causes], axis=0)]
 
     def interval_over(self, table):
         """What the intervals are taken over: runs, noise draws or replicates; "" without any."""

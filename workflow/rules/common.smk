@@ -14,6 +14,7 @@ from icpshap.jobs import digests, parents, paths, progress, start
 from icpshap.jobs.plans import Plans, is_settled
 from icpshap.jobs.paths import at
 from icpshap.jobs.provenance import commit
+from icpshap.report.study import Study
 
 try:
     for path in workflow.configfiles:
@@ -395,22 +396,18 @@ def figure_names(experiment):
 
 def study_of(wildcards):
     """How the numbers of a scope came about, as far as figures and captions say it."""
-    experiment, preset = experiment_of(wildcards), preset_of(wildcards)
-    return {
-        "name": experiment.name,
-        "estimator": experiment.estimator,
-        "kind": preset.estimator.kind.name,
-        "causes": list(experiment.causes),
-        "divergence": preset.method.divergence,
-        "noise_draws": preset.estimator.perturbing.noise_draws,
-        "bias_correction": preset.method.bias_correction,
-        "wrong_basins": preset.method.wrong_basins,
-        "dependence": [list(couple) for couple in experiment.dependence],
-        "titles": {key: CONFIG.data[key].title for key in experiment.pairs},
-        "waterfall": experiment.waterfall,
-        "variants": PLANS.variants(experiment.name),
-        "options": options.values(preset.estimator.kind),
-    }
+    experiment = experiment_of(wildcards)
+    return asdict(
+        Study.of(
+            experiment.name,
+            experiment.estimator,
+            preset_of(wildcards),
+            experiment.causes,
+            dependence=experiment.dependence,
+            titles={key: CONFIG.data[key].title for key in experiment.pairs},
+            waterfall=experiment.waterfall,
+        )
+    )
 
 
 def perturbation_of_scene(wildcards):

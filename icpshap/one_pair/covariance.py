@@ -1,0 +1,95 @@
+"""A covariance of a pose with its order, frame and units, and in the conventions of others."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+ROTATION_FIRST, TRANSLATION_FIRST = "rotation first", "translation first"
+SOURCE_FRAME = "of xi in T_reference_source exp(xi), in the frame of the source"
+REFERENCE_AXES = (
+    "of the translation of the source in the axes of the reference, and of its turn about them"
+)
+CONVENTIONS = ("icpshap", "gtsam", "ros")
+
+
+@dataclass(frozen=True, eq=False)
+class PoseCovariance:
+    """matrix (6, 6) [rad, m]; `numpy.asarray` of it gives the matrix.
+
+    order: which three rows come first; frame: what it is the covariance of; share_of_points: of the
+    source's points that the chain leaves, what a run used: with all of them, if points count alike
+    and do not depend on one another, the covariance would be that share of it
+    (`of_all_points`); to_reference (3, 3): rotation from the source's axes to the reference's;
+    scaled: whether it has been.
+    """
+
+    matrix: np.ndarray
+    share_of_points: float
+    to_reference: np.ndarray
+    order: str = ROTATION_FIRST
+    frame: str = SOURCE_FRAME
+    scaled: bool = False
+
+    def __array__(self, dtype=None, copy=None) -> np.ndarray:
+        return np.array(self.matrix, dtype=dtype)
+
+    @property
+    def unit(self) -> str:
+        first, second = ("rad", "m") if self.order == ROTATION_FIRST else ("m", "rad")
+        return f"{first}^2, {first} {second}, {second}^2"
+
+    @property
+    def standard_deviations(self) -> np.ndarray:
+        """Square roots of its diagonal (6,), in its order [rad, m]."""
+        return np.sqrt(np.diagonal(self.matrix))
+
+    def to(self, convention: str) -> "PoseCovariance":
+        """The same as another program has it.
+
+        gtsam: rotation first, in the source's frame: the tangent vector of gtsam.Pose3, as here.
+        ros: translation first, along and about the fixed axes of the reference:
+        geometry_msgs/PoseWithCovariance of the source's pose in the reference.
+        """
+        if convention not in CONVENTIONS:
+            raise ValueError(
+                f"convention {convention!r}, expected one of {', '.join(CONVENTIONS)}."
+            )
+        if self.order != ROTATION_FIRST:
+            raise ValueError("This covariance is in the convention of ros already.")
+        if convention != "ros":
+            return self
+        turn = np.kron(np.eye(2), self.to_reference)
+        swap = np.roll(np.eye(6), 3, axis=0)
+        matrix = swap @ turn @ self.matrix @ turn.T @ swap.T
+        return replace(
+            self,
+            matrix=(matrix + matrix.T) / 2,
+            order=TRANSLATION_FIRST,
+            frame=REFERENCE_AXES,
+        )
+
+    def of_all_points(self) -> "PoseCovariance":
+        """It times the share of the points that a run used: a scaling, no measurement."""
+        return replace(self, matrix=self.matrix * self.share_of_points, scaled=True)
+
+    def __repr__(self) -> str:
+        rows = "\n".join("  " + " ".join(f"{entry: .3e}" for entry in row) for row in self.matrix)
+        return f"{self.in_words()}\n{rows}"
+
+    def in_words(self) -> str:
+        """Order, units, frame and share of the points, in one line."""
+        points = f"of runs that used {self.share_of_points:.3g} of the points"
+        if self.scaled:
+            points = f"scaled by {self.share_of_points:.3g}, the share of the points that runs used"
+        return f"Covariance [{self.unit}], {self.order}, {self.frame}; {points}"
+
+    def to_dict(self) -> dict:
+        """Plain data, for JSON."""
+        return {
+            "matrix": self.matrix.tolist(),
+            "order": self.order,
+            "unit": self.unit,
+            "frame": self.frame,
+            "share_of_points": self.share_of_points,
+            "scaled": self.scaled,
+        }
