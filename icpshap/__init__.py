@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from icpshap.explanation.games import load_explanation
     from icpshap.one_pair.explanation import Explanation
     from icpshap.one_pair.given import read_scan
-    from icpshap.one_pair.recipe import explain, fit
+    from icpshap.one_pair.recipe import explain, fit_table
     from icpshap.presets import LIDAR, PAPER, RELEASED_CODE, ROBUST
 
 # Where each public name lives; it is imported when it is used, since some of them take a second.
@@ -20,7 +20,7 @@ _HOMES = {
     "ROBUST": "icpshap.presets",
     "Explanation": "icpshap.one_pair.explanation",
     "explain": "icpshap.one_pair.recipe",
-    "fit": "icpshap.one_pair.recipe",
+    "fit_table": "icpshap.one_pair.recipe",
     "load_explanation": "icpshap.explanation.games",
     "read_scan": "icpshap.one_pair.given",
 }
@@ -31,7 +31,7 @@ __all__ = [
     "ROBUST",
     "Explanation",
     "explain",
-    "fit",
+    "fit_table",
     "load_explanation",
     "read_scan",
 ]

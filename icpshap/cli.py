@@ -22,7 +22,7 @@ examples:
   icpshap explain a.ply b.ply --transform 0.5 0 0 0 0 0 1    tx ty tz qx qy qz qw
   icpshap explain a.ply b.ply --register small_gicp          another registration than ours
   icpshap explain a.ply b.ply --what-if                      which change would help
-  icpshap explain a.ply b.ply --sensor-noise 0.05 --partial-overlap 0   another level; one cause less
+  icpshap explain a.ply b.ply --sensor-noise 0.05 --partial-overlap 0    another level, one off
   icpshap explain a.ply b.ply --json > pair.json
   icpshap explain a.ply b.ply --html pair.html --covariance covariance.txt
 """
@@ -98,9 +98,9 @@ def _explain(given: argparse.Namespace) -> None:
 
 def _fit(given: argparse.Namespace) -> None:
     from icpshap.fit import checks
-    from icpshap.one_pair.recipe import fit
+    from icpshap.one_pair.recipe import fit_table
 
-    found = fit(
+    found = fit_table(
         *_scans(given),
         _transform(given.transform),
         causes=_causes(given),
@@ -294,8 +294,8 @@ def _command(commands, name, purpose, examples, run):
     command.add_argument(
         "--transform",
         metavar="T",
-        help="the true pose, T_reference_source, p_reference = T p_source: a text file of a matrix, "
-        "or 16, 12 or 7 numbers (tx ty tz qx qy qz qw); without it ICP's own answer is taken",
+        help="the true pose, T_reference_source, p_reference = T p_source: a text file of a "
+        "matrix, or 16, 12 or 7 numbers (tx ty tz qx qy qz qw); without it ICP's own answer counts",
     )
     command.add_argument(
         "--initial-transform", metavar="T", help="where ICP starts, if --transform is not given"

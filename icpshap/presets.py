@@ -86,9 +86,12 @@ LIDAR = ROBUST.with_options(
     voxel_size=0.25,
     normal_neighbours=20,
     subsampling_probability=0.5,
+    stop_rotation=1e-4,
+    stop_translation=1e-4,
 )
 """`robust` for your own scans, those of spinning scanners above all (docs/own_scans.md).
 
 The seven points next to one lie on its ring there, and have no normal; twenty on a grid have one.
-Half of its points is what a run sees: the spread over halves is about that of the whole.
+Half of its points is what a run sees: the spread over halves is about that of the whole. A step of
+0.1 mm is far below that spread, and a tighter stop changes no number that is shown.
 """

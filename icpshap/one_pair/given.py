@@ -18,7 +18,15 @@ from icpshap.data.scans import MAXIMUM_COORDINATE, MINIMUM_POINTS
 from icpshap.errors import DataError, UserError
 from icpshap.estimators import KINDS
 from icpshap.estimators.perturb import Perturbation
-from icpshap.presets import LIDAR, PAPER, RELEASED_CODE, ROBUST, Preset, option_names
+from icpshap.presets import (
+    DEFAULT_KIND,
+    LIDAR,
+    PAPER,
+    RELEASED_CODE,
+    ROBUST,
+    Preset,
+    option_names,
+)
 
 PRESETS = {"lidar": LIDAR, "paper": PAPER, "released_code": RELEASED_CODE, "robust": ROBUST}
 CAUSES_GIVEN = {"sensor_noise": 0.02, "initial_pose": 1.5, "partial_overlap": 0.05}
@@ -42,8 +50,13 @@ class Given:
 def given(causes, estimator, register, what_if, perturbation):
     """The `Given` of the arguments of `explain`. Raises UserError that lists all that is wrong."""
     causes = CAUSES_GIVEN if causes is None else causes
-    perturbation = Perturbation(**(perturbation or {}))
     name, block = _estimator(estimator, register)
+    kind = KINDS[block.get("kind", DEFAULT_KIND)]
+    if "training" in options.names(kind):
+        raise UserError(
+            f"estimator: the kind {kind.name} learns from pairs of other sequences, and here is "
+            "one pair.\nHint: run it in the workflow (docs/estimators.md), or take another kind."
+        )
     function = block.get("register")
     if callable(function):
         block = {**block, "register": PLACEHOLDER}
@@ -66,7 +79,7 @@ def given(causes, estimator, register, what_if, perturbation):
         name,
         preset,
         levels,
-        perturbation,
+        checked.perturbation,
         {change: (changes[change], *found[part]) for change, part in parts.items()},
     )
 
@@ -146,7 +159,7 @@ def _checked(name, block, causes, what_if, perturbation):
         "sequences": ["pair"],
         "run": [EXPERIMENT],
         "runs_per_job": 1,
-        "perturbation": options.values(perturbation),
+        "perturbation": {**options.values(Perturbation()), **(perturbation or {})},
         "data": {"pair": {"scans": 2, "folder": {"path": "."}}},
         "estimators": {estimator: block},
         "experiments": {

@@ -11,10 +11,8 @@ from threadpoolctl import threadpool_limits
 from icpshap import estimators, plan
 from icpshap.causes import CAUSES
 from icpshap.causes.cause import SCANS
-from icpshap.data import registering
 from icpshap.data.pair import Pair, describe_pair
 from icpshap.errors import DataError
-from icpshap.estimators.callable_registration import called, found
 from icpshap.estimators.perturb import Draws, Streams, require_points
 from icpshap.explanation import games
 from icpshap.explanation.sample import samples
@@ -69,9 +67,9 @@ def explain(
             mapping of options (`based_on` one of these; "lidar" unless said), or a `Preset`.
         register: your own registration, a function (reference, source, T_initial) -> (4, 4), or
             its name as "module:function"; it is run as often as ICP would be, one at a time.
-        T_initial: where the registration that answers for the truth starts; None: at the identity.
+        T_initial: where the registration that answers for the truth starts; None: the identity.
         what_if: changes by name, each a mapping of options or levels, with which the pair is
-            explained again; True: more neighbours, a tighter stop, twice the points, a closer start.
+            explained again; True: more neighbours, a tighter stop, more points, a closer start.
         perturbation: what the causes refer to, where it is not the paper's: initial_pose_rotation
             [deg], initial_pose_translation [m], overlap_distance [m], minimum_overlap [-].
         source_times: when each source point was measured (m,), for motion distortion.
@@ -126,7 +124,7 @@ def explain(
     )
 
 
-def fit(
+def fit_table(
     reference: Any,
     source: Any,
     T: Any = None,
@@ -159,27 +157,29 @@ def _truth(reference, source, T, T_initial, preset):
     T_initial = np.eye(4) if T_initial is None else transform(T_initial, "T_initial")
     register = getattr(preset.estimator.kind, "register", None)
     if register is None:
+        from icpshap.data import registering  # the engine is loaded where it runs
+
         answer = registering.register_scans(reference, source, T_initial, "the two scans")
         return answer.T_reference_source, OWN_TRUTH
-    function = register if callable(register) else found(register)
-    end = called(function, reference, source, T_initial)
+    from icpshap.estimators.callable_registration import called
+
+    end = called(preset.estimator.kind.function(), reference, source, T_initial)
     if end.status != "ok":
         raise DataError(
-            f"register: called with the two scans and {'T_initial' if T_initial is not None else 'I'}"
-            f", it {end.status}.",
+            f"register: called with the two scans and T_initial, it {end.status}.",
             "give T, or a T_initial that is nearer to the answer.",
         ) from end.error
     return end.T_reference_source, OWN_TRUTH
 
 
 def _share_of_points(preset, levels):
-    """What share of the source's points that the chain's filters leave a run uses, all causes on."""
+    """What share of the source's points that the chain's filters leave a run uses."""
     thinned = levels.get("icp_randomness", 1.0)
     return preset.estimator.perturbing.subsampling_probability / thinned
 
 
 class _Made(NamedTuple):
-    """Tables by name; covariances (2, 6, 6) of the clean setting and of all causes on; the scans."""
+    """Tables by name; covariances (2, 6, 6), clean and with all causes on; the scans."""
 
     tables: dict
     covariances: np.ndarray

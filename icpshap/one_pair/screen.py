@@ -58,11 +58,11 @@ def _covariance(explanation, width):
     moves = " ".join(words.significant(100 * part) for part in deviations[3:])
     lines.append(f"Standard deviations: rotation {turns} deg, translation {moves} cm")
     weakest = explanation.weakest_direction
-    lines.append(
+    told = (
         f"Weakest direction: {weakest.words}, {words.significant(weakest.clean)} cm clean, "
         f"{words.significant(weakest.perturbed)} cm with all causes on"
     )
-    return lines
+    return lines + _wrapped(told, width, "  ")
 
 
 def _causes(explanation, paint):

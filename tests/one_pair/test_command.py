@@ -1,0 +1,138 @@
+"""The command: what it prints, writes, and how it ends."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import icpshap
+from icpshap import cli
+
+FAST = ("--estimator", "paper", "--option", "runs=60", "--option", "subsampling_probability=0.2")
+FAST += ("--option", "maximum_iterations=20")
+
+
+@pytest.fixture(scope="session")
+def files(scans, tmp_path_factory):
+    """Two scans and the transform as files."""
+    folder = tmp_path_factory.mktemp("scans")
+    for name, points in zip(("reference", "source"), scans[:2], strict=True):
+        np.save(folder / f"{name}.npy", points)
+    np.savetxt(folder / "T.txt", scans[2])
+    return folder
+
+
+@pytest.fixture
+def scans_given(files):
+    return [str(files / "reference.npy"), str(files / "source.npy")]
+
+
+def test_a_screen_is_printed_and_files_are_written(files, scans_given, tmp_path, capsys):
+    T = str(files / "T.txt")
+    wanted = [f"--{name}={tmp_path / name}" for name in ("html", "covariance", "save")]
+    assert cli.main(["explain", *scans_given, "--transform", T, *FAST, *wanted]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("Pose error (root mean square): clean ")
+    assert len(said.splitlines()) <= 40
+    covariance = np.loadtxt(tmp_path / "covariance")
+    assert covariance.shape == (6, 6)
+    assert "rotation first" in (tmp_path / "covariance").read_text()
+    loaded = icpshap.Explanation.load(tmp_path / "save")
+    assert covariance == pytest.approx(np.asarray(loaded.covariance))
+    assert (tmp_path / "html").read_text().startswith("<!doctype html>")
+
+
+def test_numbers_in_the_place_of_a_file_and_json(files, scans_given, scans, capsys):
+    T = scans[2]
+    numbers = [f"{entry:.17g}" for entry in T[:3].ravel()]
+    assert any(number.startswith("-") for number in numbers)
+    arguments = ["explain", *scans_given, "--transform", *numbers, *FAST, "--json"]
+    assert cli.main([*arguments, "--partial-overlap", "0", "--sensor-noise", "0.05"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["levels"] == {"sensor_noise": 0.05, "initial_pose": 1.5}
+    assert np.array(found["T_reference_source"]) == pytest.approx(T)
+
+
+@pytest.mark.parametrize("numbers", [["-1e-3", "0", "0", "0", "0", "0", "1"]])
+def test_negative_numbers_with_exponents_are_no_options(numbers):
+    assert cli._joined(["--transform", *numbers, "--json"]) == [
+        f"--transform={' '.join(numbers)}",
+        "--json",
+    ]
+
+
+def test_fit_says_each_check_without_icp(files, scans_given, capsys):
+    T = str(files / "T.txt")
+    assert cli.main(["fit", *scans_given, "--transform", T, "--estimator", "paper"]) == 0
+    said = capsys.readouterr().out
+    assert "true pose" in said
+    assert len(said.splitlines()) == 9
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["explain", "nowhere.ply", "source.npy"], "nowhere.ply"),
+        (["explain", "reference.npy", "source.npy", "--option", "runs"], "expected KEY=VALUE"),
+        (["explain", "reference.npy", "source.npy", "--option", "runz=3"], "did you mean 'runs'"),
+        (["explain", "reference.npy", "source.npy", "--register", "small_gic"], "small_gicp"),
+        (["explain", "reference.npy", "source.npy", "--transform", "1", "2"], "shape (2,)"),
+        (["explain", "reference.npy", "source.npy", "--transform", "no.txt"], "no.txt"),
+        (["explain", "reference.npy", "source.npy", "--html", "no/a.html"], "cannot be written"),
+        (["explain", "reference.npy", "source.npy", "--what-if", "runs"], "expected KEY=VALUE"),
+        (
+            [
+                *("explain", "reference.npy", "source.npy", "--sensor-noise", "0"),
+                *("--initial-pose", "1", "--partial-overlap", "0"),
+            ],
+            "All causes are off",
+        ),
+        (["fit", "reference.npy", "T.txt"], "4 points, expected at least 1000"),
+    ],
+)
+def test_what_cannot_be_used_ends_with_1_and_a_hint(files, arguments, message, capsys, monkeypatch):
+    monkeypatch.chdir(files)
+    assert cli.main(arguments) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("icpshap: ")
+    assert message in said
+    assert "Hint: " in said
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize("arguments", [[], ["explain"], ["explain", "a", "b", "--thread", "x"]])
+def test_a_wrong_command_line_ends_with_2(arguments, capsys):
+    with pytest.raises(SystemExit) as end:
+        cli.main(arguments)
+    assert end.value.code == 2
+
+
+def test_version_and_help_have_what_one_needs(capsys):
+    with pytest.raises(SystemExit) as end:
+        cli.main(["--version"])
+    assert end.value.code == 0
+    assert capsys.readouterr().out.strip() == f"icpshap {icpshap.__version__}"
+    with pytest.raises(SystemExit):
+        cli.main(["explain", "--help"])
+    said = capsys.readouterr().out
+    assert "examples:" in said
+    for cause in ("--sensor-noise", "--motion-distortion"):
+        assert cause in said
+
+
+def test_ctrl_c_ends_with_130_and_no_traceback(files, scans_given):
+    command = [sys.executable, "-m", "icpshap", "explain", *scans_given]
+    command += ["--transform", str(files / "T.txt"), "--option", "runs=20000"]
+    started = subprocess.Popen(command, stderr=subprocess.PIPE, env={**os.environ}, text=True)
+    time.sleep(6)
+    assert started.poll() is None
+    started.send_signal(signal.SIGINT)
+    _, said = started.communicate(timeout=60)
+    assert started.returncode == 130
+    assert "Traceback" not in said
+    assert "icpshap: stopped" in said

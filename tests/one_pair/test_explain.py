@@ -1,0 +1,220 @@
+"""One pair explained: what comes back holds together, and says what is wrong."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import icpshap
+from icpshap import se3
+from icpshap.errors import DataError, UserError
+from icpshap.one_pair.threads import in_threads
+from icpshap.report import captions
+
+LEAN = ("open3d", "shap", "matplotlib", "plotly", "snakemake")
+
+
+def test_shapley_values_sum_to_f_and_lie_in_their_intervals(explained):
+    table = explained.shapley
+    assert list(table.index) == ["sensor_noise", "initial_pose", "partial_overlap"]
+    assert table.value.sum() == pytest.approx(explained.f)
+    assert (table.low <= table.value).all()
+    assert (table.value <= table.high).all()
+    assert set(explained.interactions.columns) == {"value", "low", "high"}
+    assert len(explained.interactions) == 3
+
+
+def test_the_covariance_is_that_of_the_runs(explained):
+    runs = explained.tables["runs"]
+    runs = runs[~runs.again & (runs.replicate == 0)]
+    on = np.all([runs[name] == level for name, level in explained.levels.items()], axis=0)
+    assert on.sum() == 60
+    xi = runs[on][[f"xi_{k}" for k in range(6)]].to_numpy()
+    floor = 1e-6**2 * np.eye(6)
+    assert np.asarray(explained.covariance) == pytest.approx(np.cov(xi.T) + floor, rel=1e-9)
+    assert explained.covariance.share_of_points == 0.3
+    whole = np.asarray(explained.covariance_all_points)
+    assert whole == pytest.approx(0.3 * explained.covariance.matrix)
+    clean = np.linalg.slogdet(explained.covariance_clean.matrix)[1]
+    assert clean < np.linalg.slogdet(explained.covariance.matrix)[1]
+
+
+def test_errors_are_in_centimetres_and_degrees(explained):
+    row = explained.tables["shap"].iloc[0]
+    assert explained.error_perturbed.centimetres == 100 * row.translation_rmse
+    assert explained.error_clean.degrees == pytest.approx(np.rad2deg(row.clean_rotation_rmse))
+    assert explained.error_clean.centimetres < explained.error_perturbed.centimetres
+
+
+def test_the_weakest_direction_is_a_unit_vector_of_the_largest_variance(explained):
+    weakest = explained.weakest_direction
+    assert np.linalg.norm(weakest.vector) == pytest.approx(1)
+    assert weakest.words
+    turn = np.kron(np.eye(2), explained.T_reference_source[:3, :3])
+    length = explained.tables["pairs"].characteristic_length[0]
+    turn = np.diag(3 * [length] + 3 * [1.0]) @ turn
+    variances = np.linalg.eigvalsh(turn @ explained.covariance.matrix @ turn.T)
+    assert weakest.perturbed == pytest.approx(100 * np.sqrt(variances[-1]), rel=1e-4)
+
+
+def test_it_begins_with_the_pose_error(explained):
+    assert explained.sentence.startswith("Pose error (root mean square): clean ")
+    assert "pair (" not in explained.sentence
+
+
+def test_a_screen_has_at_most_40_lines(explained):
+    for width in (60, 100):
+        lines = explained.to_text(width).splitlines()
+        assert len(lines) <= 40
+        assert max(map(len, lines)) <= max(width, 80)
+    text = repr(explained)
+    for part in ("Covariance [rad^2", "Weakest direction", "█", "What to do"):
+        assert part in text
+    assert "\033[" not in text
+    assert "\033[1m" in explained.to_text(colours=True)
+
+
+def test_json_is_plain_and_complete(explained):
+    found = json.loads(explained.to_json())
+    assert found["shapley"]["sensor_noise"]["value"] == explained.shapley.value["sensor_noise"]
+    assert found["covariance"]["order"] == "rotation first"
+    assert found["options"]["runs"] == 60
+    assert found["levels"] == {"sensor_noise": 0.02, "initial_pose": 1.5, "partial_overlap": 0.05}
+    assert found["version"] == icpshap.__version__
+    assert [row["what_if"] for row in found["what_if"]] == ["as it is", "more"]
+    assert len(found["fit"]) == 12
+
+
+def test_it_is_saved_and_loaded_whole(explained, tmp_path):
+    explained.save(tmp_path / "pair.zip")
+    loaded = icpshap.Explanation.load(tmp_path / "pair.zip")
+    assert loaded.to_json() == explained.to_json()
+    assert loaded.to_text() == explained.to_text()
+    again = tmp_path / "again.zip"
+    loaded.save(again)
+    assert again.read_bytes() == (tmp_path / "pair.zip").read_bytes()
+    with pytest.raises(UserError, match="explain the pair again to see its scene"):
+        loaded.plot("scene")
+
+
+@pytest.mark.parametrize("content", [None, b"", b"PK\x03\x04 cut off"])
+def test_a_file_that_is_no_explanation_is_refused(content, tmp_path):
+    path = tmp_path / "pair.zip"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(UserError, match=str(path)):
+        icpshap.Explanation.load(path)
+
+
+def test_a_place_that_cannot_be_written_is_named(explained, tmp_path):
+    with pytest.raises(UserError, match="cannot be written"):
+        explained.save(tmp_path / "nowhere" / "pair.zip")
+
+
+def test_every_figure_and_the_page_are_drawn(explained):
+    for name in ("waterfall", "interactions", "directions", "scene"):
+        assert explained.plot(name).get_axes()
+    with pytest.raises(UserError, match="expected one of waterfall"):
+        explained.plot("pie")
+    page = explained.to_html()
+    assert page.count("<img ") == 4
+    assert captions.found(
+        explained.tables["shap"], explained.directions, explained.study
+    ) in page.replace("&#39;", "'")
+    assert "Run times" not in page
+    assert "sensor noise" in explained._repr_html_()
+
+
+def test_shap_gets_the_values_with_their_bounds(explained):
+    found = explained.to_shap()
+    assert found.values[0] == pytest.approx(explained.shapley.value)
+    assert found.lower_bounds[0] == pytest.approx(explained.shapley.low)
+
+
+def test_the_number_of_threads_changes_no_byte(scans, options, explained):
+    for threads in (1, 3):
+        found = icpshap.explain(
+            *scans, estimator=options, what_if={"more": {"runs": 80}}, threads=threads
+        )
+        for name, table in explained.tables.items():
+            assert found.tables[name].equals(table), name
+
+
+def test_threads_return_in_order_and_stop_at_the_first_error():
+    begun = []
+
+    def half(number):
+        begun.append(number)
+        if number == 3:
+            raise UserError("three")
+        return number / 2
+
+    done = []
+    mapped = in_threads(2, lambda: done.append(1))
+    assert list(mapped(half, [0, 1, 2])) == [0.0, 0.5, 1.0]
+    assert len(done) == 3
+    with pytest.raises(UserError, match="three"):
+        list(mapped(half, iter(range(100))))
+    assert max(begun) < 10
+
+
+def test_without_a_pose_icp_answers_and_says_what_that_hides(scans, options):
+    reference, source, T = scans
+    found = icpshap.explain(reference, source, estimator=options)
+    assert found.T_reference_source == pytest.approx(T, abs=0.02)
+    assert "registration itself answered" in " ".join(found.warnings)
+
+
+def test_ones_own_registration_answers_for_the_truth_and_for_the_runs(scans):
+    reference, source, T = scans
+    calls = []
+
+    def own(reference, source, T_initial):
+        calls.append(len(source))
+        return T_initial if len(calls) > 1 else T
+
+    options = {"runs": 60, "noise_draws": 1, "sensor_sigma": 0.0, "bias_correction": "none"}
+    found = icpshap.explain(
+        reference, source, register=own, causes={"initial_pose": 2.0},
+        estimator={**options, "based_on": "robust"},
+    )  # fmt: skip
+    assert len(calls) == 1 + 3 * 60
+    assert (found.T_reference_source == T).all()
+    assert found.study.estimator == "own"
+    # What ends where it begins has the covariance of the start: twice that of the clean one.
+    ratio = found.covariance.matrix / found.covariance_clean.matrix
+    assert np.diagonal(ratio) == pytest.approx(2.0, rel=1e-6)
+
+
+def test_a_registration_that_fails_is_named(scans):
+    def broken(reference, source, T_initial):
+        raise RuntimeError("no luck")
+
+    with pytest.raises(DataError, match="RuntimeError: no luck"):
+        icpshap.explain(*scans[:2], register=broken)
+
+
+def test_an_inverse_pose_is_red_and_stands_first(scans, options):
+    reference, source, T = scans
+    table = icpshap.fit_table(reference, source, se3.inverse(T), estimator=options)
+    assert table.grade.iloc[0] == "red"
+    assert table.check.iloc[0] == "true pose"
+
+
+def test_scans_that_hardly_overlap_are_an_error_with_a_hint(scans):
+    reference, source, T = scans
+    far = T.copy()
+    far[:3, 3] += 500.0
+    with pytest.raises(DataError, match=r"is not above 0\.1"):
+        icpshap.explain(reference, source, far)
+
+
+def test_the_door_imports_nothing_heavy():
+    code = (
+        "import sys, icpshap, numpy as np; from icpshap.one_pair import recipe, screen; "
+        f"print([name for name in {LEAN} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

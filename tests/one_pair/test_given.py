@@ -1,0 +1,166 @@
+"""What a user gives of one pair: every mistake is named, with what was expected and what to do."""
+
+import numpy as np
+import pytest
+
+from icpshap import PAPER, se3
+from icpshap.errors import DataError, UserError
+from icpshap.one_pair.given import CAUSES_GIVEN, given, scan, times, transform, trials
+
+T = se3.exp(np.array([0.1, -0.2, 0.3, 1.0, -2.0, 0.5]))
+POINTS = np.random.default_rng(0).uniform(-5, 5, (1000, 3))
+
+
+def reflected():
+    T_reflected = T.copy()
+    T_reflected[:, 0] *= -1
+    return T_reflected
+
+
+def scaled():
+    T_scaled = T.copy()
+    T_scaled[:3, :3] *= 1000
+    return T_scaled
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (POINTS.astype(object), "type object, expected numbers"),
+        ([["a", "b", "c"]], "expected numbers"),
+        (POINTS[:, :2], r"shape (1000, 2), expected (n, 3)"),
+        (POINTS.T, "points.T"),
+        (np.hstack([POINTS, POINTS]), "points[:, :3]"),
+        (POINTS[:999], "999 points, expected at least 1000"),
+        (1e6 * POINTS, "expected at most 100000 m"),
+        (np.where(np.arange(3000).reshape(-1, 3) == 7, np.nan, POINTS), "the first in row 2"),
+    ],
+)
+def test_a_scan_that_is_none_is_refused(points, message):
+    with pytest.raises(DataError) as error:
+        scan(points, "reference")
+    assert str(error.value).startswith("reference: ")
+    assert message in str(error.value)
+    assert "Hint: " in str(error.value)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64", "int32"])
+def test_scans_are_float64_in_c_order_whatever_they_were(dtype):
+    points = np.asfortranarray((100 * POINTS).astype(dtype))
+    found = scan(points, "source")
+    assert found.dtype == float
+    assert found.flags.c_contiguous
+    assert (found == points).all()
+
+
+@pytest.mark.parametrize(
+    "values", [T, T[:3], T.ravel(), T[:3].ravel(), T.tolist(), list(T[:3].ravel())]
+)
+def test_a_transform_has_several_forms(values):
+    assert (transform(values) == T).all()
+
+
+def test_seven_numbers_are_a_translation_and_a_quaternion():
+    half = np.sqrt(0.5)
+    found = transform([1, 2, 3, 0, 0, half, half])
+    assert found[:3, 3].tolist() == [1, 2, 3]
+    assert found[:3, :3] == pytest.approx(np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (reflected(), "a reflection"),
+        (scaled(), "it has the scale 1000"),
+        (T.T, "transpose it: T.T"),
+        (T + 0.1 * np.eye(4), "the last row is [0.0, 0.0, 0.0, 1.1]"),
+        (T[:3, :3], "shape (3, 3)"),
+        (np.full((4, 4), np.nan), "not finite"),
+        ("T.txt", "no array of numbers"),
+        ([1, 2, 3, 0, 0, 0, 0], "a quaternion of norm 0"),
+        (np.zeros((4, 4)), "the last row is"),
+    ],
+)
+def test_a_transform_that_is_not_rigid_is_refused(values, message):
+    with pytest.raises(DataError) as error:
+        transform(values)
+    assert str(error.value).startswith("T: ")
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"causes": {"sensor_nois": 0.02}}, "causes: unknown cause 'sensor_nois', did you mean"),
+        ({"causes": {"sensor_noise": -1}}, "causes.sensor_noise: -1"),
+        ({"causes": {}}, "expected a level for each cause"),
+        ({"causes": ["sensor_noise"]}, "expected a level for each cause"),
+        ({"estimator": "lidr"}, "unknown preset or kind 'lidr', did you mean 'lidar'?"),
+        ({"estimator": {"normal_neighbors": 30}}, "did you mean 'normal_neighbours'?"),
+        ({"estimator": {"runs": 10}}, "estimator.runs: 10 is less than the minimum of 50"),
+        ({"estimator": {"noise_draws": 7}}, "estimator.noise_draws: 7"),
+        ({"register": 3}, "register: a int, expected a function"),
+        ({"register": "no_module:f"}, "there is no module no_module"),
+        ({"what_if": {"more": {"runz": 3}}}, "what_if.more: unknown key 'runz'"),
+        ({"what_if": {"more": {"range_bias": 0.1}}}, "what_if.more.range_bias: "),
+        ({"causes": {"range_bias": 0.1}}, "expected at least 25"),
+        ({"estimator": "learned"}, "learns from pairs of other sequences"),
+        ({"perturbation": {"minimum_overlap": 2}}, "perturbation.minimum_overlap: 2"),
+        ({"perturbation": {"overlap": 2}}, "perturbation: unknown key 'overlap'"),
+    ],
+)
+def test_options_and_levels_are_checked_as_those_of_a_configuration(arguments, message):
+    defaults = dict.fromkeys(("causes", "register", "what_if", "perturbation"))
+    with pytest.raises(UserError) as error:
+        given(**{**defaults, "estimator": "lidar", **arguments})
+    assert message in str(error.value)
+    assert "experiments." not in str(error.value)
+    assert "Hint: " in str(error.value)
+
+
+def test_what_is_given_is_what_is_run():
+    found = given({"sensor_noise": "2e-2"}, {"based_on": "paper", "runs": 60}, None, None, None)
+    assert found.levels == {"sensor_noise": 0.02}
+    assert found.preset == PAPER.with_options(runs=60)
+    assert found.what_if == {}
+
+
+def test_a_preset_and_its_name_are_the_same():
+    ways = ("paper", PAPER, {"based_on": "paper"}, {"kind": "monte_carlo"})
+    found = [given(None, way, None, None, None).preset for way in ways]
+    assert found == len(ways) * [PAPER]
+
+
+def test_a_function_is_called_on_whole_clouds_with_what_the_estimator_says_else():
+    def own(reference, source, T_initial):
+        return T_initial
+
+    found = given(None, "lidar", own, None, None).preset
+    assert found.estimator.kind.function() is own
+    assert found.estimator.perturbing.voxel_size is None
+    assert found.estimator.perturbing.noise_draws == 10
+    assert found.method.bias_correction == "jackknife"
+
+
+def test_changes_are_named_or_the_usual_ones():
+    found = given(None, "lidar", None, True, None).what_if
+    assert set(found) == {"more_neighbours", "tight_stop", "more_points", "start_half_as_wide"}
+    changes, levels, preset = found["start_half_as_wide"]
+    assert changes == {"initial_pose": 0.375}
+    assert levels == {**CAUSES_GIVEN, "initial_pose": 0.375}
+    assert preset == given(None, "lidar", None, None, None).preset
+
+
+def test_no_usual_change_takes_all_points():
+    assert "more_points" in trials(PAPER.with_options(subsampling_probability=0.9), {})
+    assert trials(PAPER, {})["twice_the_points"] == {"subsampling_probability": 0.1}
+    assert not trials(PAPER.with_options(subsampling_probability=1.0), {}).keys() & {
+        "more_points",
+        "twice_the_points",
+    }
+
+
+@pytest.mark.parametrize("values", [[1.0], np.zeros(10), np.full(10, np.nan)])
+def test_times_that_are_none_are_refused(values):
+    with pytest.raises(DataError, match="source_times"):
+        times(values, 10)
