@@ -22,7 +22,6 @@ from icpshap.data.pair import Pair, relative_pose
 from icpshap.estimators.kind import GOOD_STATUS
 from icpshap.estimators.perturb import Streams
 from icpshap.fit import measure
-from icpshap.plan import Setting
 from icpshap.presets import LIDAR, PAPER, ROBUST
 from icpshap.tables import XI
 
@@ -62,10 +61,8 @@ def pairs(quick):
 def ring_share(pair, preset):
     """Share of the neighbourhoods of the clean reference's normals that lie on one ring."""
     estimator = preset.estimator.of_causes(list(INSTANCE))
-    clean = Setting.at({name: cause.off for name, cause in estimator.causes.items()})
     streams = Streams(real_pairs.SEED, "rings", 0, 1)
-    reference = measure.clean_reference(pair, clean, estimator, streams)
-    return measure.normals(reference, estimator.kind.neighbourhood)["ring_share"]
+    return measure.measure(pair, estimator, INSTANCE, streams)["ring_share"]
 
 
 def explained(name, pair, preset, seed=real_pairs.SEED):
