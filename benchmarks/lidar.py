@@ -20,9 +20,8 @@ from benchmarks.icp import Clock
 from icpshap.data import simulate
 from icpshap.data.pair import Pair, relative_pose
 from icpshap.estimators.kind import GOOD_STATUS
-from icpshap.estimators.perturb import Draws, Streams
+from icpshap.estimators.perturb import Streams
 from icpshap.fit import measure
-from icpshap.plan import Setting
 from icpshap.presets import LIDAR, PAPER, ROBUST
 from icpshap.tables import XI
 
@@ -62,10 +61,8 @@ def pairs(quick):
 def ring_share(pair, preset):
     """Share of the neighbourhoods of the clean reference's normals that lie on one ring."""
     estimator = preset.estimator.of_causes(list(INSTANCE))
-    clean = Setting.at({name: cause.off for name, cause in estimator.causes.items()})
-    draws = Draws(pair, estimator, None, Streams(real_pairs.SEED, "rings", 0, 1))
-    reference = draws.seen_reference(clean, pair.reference, 0)
-    return measure.normals(reference, estimator.kind.neighbourhood)["ring_share"]
+    streams = Streams(real_pairs.SEED, "rings", 0, 1)
+    return measure.measure(pair, estimator, INSTANCE, streams)["ring_share"]
 
 
 def explained(name, pair, preset, seed=real_pairs.SEED):

@@ -256,6 +256,19 @@ def test_editors_find_no_fault_with_example_configurations(block):
     Draft202012Validator(schema.for_editors()).validate(yaml.safe_load(block))
 
 
+def test_own_scans_start_from_lidar():
+    """Its runs in a wrong basin are left out, so that one of 100 does not set the unit of f."""
+    assert presets.LIDAR.options["wrong_basins"] == "leave_out"
+    examples = blocks(REPOSITORY / "README.md", "yaml") + blocks(DOCS / "own_scans.md", "yaml")
+    experiments = [
+        experiment
+        for block in examples
+        for experiment in yaml.safe_load(block).get("experiments", {}).values()
+    ]
+    assert len(experiments) > 3
+    assert {experiment["estimator"] for experiment in experiments} == {"lidar"}
+
+
 # Words before a colon that are something else.
 NO_KEYS = {"order", "range", "reason", "zsh"}
 

@@ -1,6 +1,7 @@
 """The whole workflow, as a user runs it, on tiny clouds."""
 
 import shutil
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -39,7 +40,7 @@ def test_everything_is_made(finished):
 
 def test_how_the_settings_fit_is_said_before_any_icp_and_stands_in_one_table(finished):
     said = finished.said
-    assert said.index("tiny_fixed, Tiny room: ") < said.index("] run_icp tiny_fixed tiny_room")
+    assert said.index("tiny_fixed, tiny_room: ") < said.index("] run_icp tiny_fixed tiny_room")
     fit = pd.read_parquet(finished.folder / "results" / "tiny_fixed" / "fit.parquet")
     assert set(fit["check"]) >= {
         "true pose",
@@ -128,6 +129,13 @@ class TestWhatRunsAgain:
     def test_the_settings_of_a_figure_plan_no_registration(self, edited):
         change(edited.folder / "tiny.yaml", "figures: [summary, waterfall,", "figures: [waterfall,")
         assert not {"run_icp", "explain_sequence"} & set(self.planned(edited))
+
+    def test_a_title_plans_what_shows_it_alone(self, edited):
+        change(edited.folder / "tiny.yaml", "title: Tiny room", "title: A room")
+        show_it = {"draw_figure", "draw_scene", "median_table", "report"}
+        always = {"all", "total", "compare_with_paper", "provenance", "checksums"}
+        planned = set(self.planned(edited))
+        assert "draw_figure" in planned and planned <= show_it | always
 
     def test_another_divergence_plans_no_registration(self, edited):
         change(
@@ -303,6 +311,20 @@ def test_what_if_runs_the_explained_instance_again_and_says_what_helps(project):
     assert told in said and told in (project.folder / "results/report.html").read_text()
     assert "tiny_pose_closer (" not in said  # no finding of its own
     assert "Nothing to be done" in project.run(*files)
+
+
+def test_a_clone_that_can_only_be_read_serves_another_folder(tmp_path):
+    """Also where it is named by a path from there, through `..`."""
+    for folder in ("clone", "work"):
+        (tmp_path / folder).mkdir()
+    clone = Project(tmp_path / "work").with_copied_code(tmp_path / "clone").code
+    before = sorted(clone.rglob("*"))
+    for folder in (clone, *filter(Path.is_dir, before)):
+        folder.chmod(0o555)
+    scan = "resources/tiny_room/scan_0.parquet"
+    Project(tmp_path / "work", code=Path("../clone")).run(scan, "--configfile", "tiny.yaml")
+    assert (tmp_path / "work" / scan).is_file()
+    assert sorted(clone.rglob("*")) == before
 
 
 def test_a_dry_run_needs_no_data_and_no_network(project):

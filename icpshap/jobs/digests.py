@@ -14,7 +14,7 @@ from icpshap.causes import CAUSES
 from icpshap.data.formats import READERS
 from icpshap.estimators import KINDS
 
-LIBRARY = Path(__file__).parent.parent
+LIBRARY = Path(__file__).resolve().parent.parent
 READ_AND_WRITE = ("tables.py", "errors.py", "jobs/logs.py", "jobs/digests.py")
 # Packages of which a job uses only the modules that its plan names; of others it uses all.
 CHOSEN = ("causes", "estimators", "formats")
@@ -37,7 +37,8 @@ def code_digest(script, plugins=()):
 
 @cache
 def _digest(*files, own=()):
-    script, *plugins = map(Path, files)
+    # A path through `..` or a link would come elsewhere in the order below.
+    script, *plugins = (Path(file).resolve() for file in files)
     seen = {script: True}
     _imported(script, seen)
     for path in plugins:

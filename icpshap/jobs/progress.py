@@ -46,7 +46,8 @@ class Progress(logging.Handler):
 
     `failed` holds the logs of jobs that failed. terminal: where lines go; planned(): the settings
     and runs of the jobs that will run; settings_and_runs(wildcards): those of one job; estimating:
-    names of the rules whose jobs these are.
+    names of the rules whose jobs these are. What a run is differs between kinds of estimators, and
+    some have none in the sense of ICP: runs only tell how much is left.
     """
 
     def __init__(self, terminal, planned, settings_and_runs, estimating, clock=time.monotonic):
@@ -89,10 +90,7 @@ class Progress(logging.Handler):
         self.runs += runs
         rate = self.runs / max(self.clock() - self.started, 1e-9)
         left = duration((self.planned_runs - self.runs) / rate)
-        return (
-            f"{text}: {self.settings} of {self.planned_settings} settings, "
-            f"{rate:,.0f} ICP runs a second, {left} left"
-        )
+        return f"{text}: {self.settings} of {self.planned_settings} settings, {left} left"
 
 
 STOPPED = "Stopped. The same command goes on where this run was; finished jobs are kept."

@@ -13,6 +13,7 @@ from icpshap.report import directions, words
 from icpshap.report.study import PAIR, pairs_of
 
 MOST = 0.5  # of a cause's part along three axes, from which one is named; of instances, for a sign
+HARDLY = 0.1  # of the clean error: shares of a smaller change would make much of next to nothing
 ERRORS = ("error_translation", "error_rotation")
 VARIANCES = ("translation", "rotation")
 WHERE = ("translation", "rotation")
@@ -24,12 +25,14 @@ NO_SAMPLES = (
 
 class Change(NamedTuple):
     """How a squared error or a variance changes: `directions.Row`, median growth in its unit's
-    square, and its sign in most instances: 1, -1, or 0 where it cannot be told from zero."""
+    square, and its sign in most instances: 1, -1, or 0 where it cannot be told from zero, or where
+    its root hardly changes."""
 
     where: str
     row: directions.Row
     growth: float
     sign: int
+    hardly: bool
 
 
 def sentence(table, study):
@@ -75,8 +78,10 @@ def _told(table, study):
 def _change(where, row, table):
     rows = table[table.direction == row.name]
     unsure = (rows.growth_low <= 0) & (rows.growth_high >= 0)
-    sign = 0 if unsure.mean() > MOST else int(np.sign(rows.growth.median()))
-    return Change(where, row, row.factor**2 * rows.growth.median(), sign)
+    clean, on = np.sqrt(np.maximum([row.clean, row.value], 0))
+    hardly = bool(abs(on - clean) <= HARDLY * clean)
+    sign = 0 if hardly or unsure.mean() > MOST else int(np.sign(rows.growth.median()))
+    return Change(where, row, row.factor**2 * rows.growth.median(), sign, hardly)
 
 
 def _opening(changes, names, table):
@@ -129,7 +134,10 @@ def _causes(changes, rows, shown):
                 changes, lambda row, k=number: directions.deviation(row.parts[k].remaining)
             )
             told.append(f"without it {without}")
-    unclear = [change.where for change in changes if not change.sign]
+    small = [change.where for change in changes if change.hardly]
+    if small:
+        told.append(f"hardly any change in {words.listed(small)} (less than a tenth)")
+    unclear = [change.where for change in changes if not (change.sign or change.hardly)]
     if unclear:
         told.append(f"the growth in {words.listed(unclear)} cannot be told from zero")
     return told

@@ -63,6 +63,11 @@ def test_incomplete_folders(tmp_path, names, options, expected):
     assert "\nHint: " in str(error.value)
 
 
+def test_without_poses_it_is_said_how_to_go_on(tmp_path):
+    with pytest.raises(DataError, match=r"If there are no poses, `poses: register` has ICP make"):
+        find_folder_files(own_folder(tmp_path, "1.ply", "2.ply"), 2)
+
+
 def test_incomplete_data_set_folder(tmp_path):
     write_folder(tmp_path, [POINTS[:3]] * 5, POSES)
     (tmp_path / "csv_local/Hokuyo_3.csv").unlink()

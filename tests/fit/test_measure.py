@@ -3,41 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from conftest import folder_in
+from fitted_pairs import LEVELS, fit, numbers, rings
 
 from benchmarks import real_pairs
 from icpshap import se3
-from icpshap.estimators.perturb import Streams
-from icpshap.fit import checks
-from icpshap.fit.measure import duplicate_share, measure, normals
+from icpshap.fit.measure import duplicate_share, normals
 from icpshap.presets import LIDAR, PAPER
-
-LEVELS = {"sensor_noise": 0.05, "initial_pose": 1.5, "partial_overlap": 0.05}
-STREAMS = Streams(1, "room", 0, 1)
-
-
-def numbers(pair, preset=PAPER, levels=LEVELS):
-    return measure(pair, preset.estimator.of_causes(list(levels)), levels, STREAMS)
-
-
-def fit(pair, preset=PAPER, levels=LEVELS):
-    row = {"sequence": "room", "reference": 0, "source": 1, **numbers(pair, preset, levels)}
-    return checks.table(pd.DataFrame([row])).set_index("check")
-
-
-def rings(count, columns, noise=0.0):
-    """Points of a room of 10 m as a scanner in its middle sees it by rings."""
-    generator = np.random.default_rng(1)
-    elevation = np.deg2rad(np.linspace(-22, 22, count))[:, None]
-    azimuth = np.linspace(0, 2 * np.pi, columns, endpoint=False)
-    parts = np.broadcast_arrays(
-        np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
-    )
-    directions = np.stack(parts, axis=-1).reshape(-1, 3)
-    ranges = 5.0 / np.abs(directions).max(axis=1) + noise * generator.normal(size=len(directions))
-    return ranges[:, None] * directions
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])

@@ -106,7 +106,7 @@ def run_job(logger, number, rule, **wildcards):
     logger.info("ends", extra={"event": "job_finished", "job_id": number})
 
 
-def test_a_line_per_job_with_settings_done_rate_and_time_left(watched):
+def test_a_line_per_job_with_settings_done_and_time_left(watched):
     watched.logger.info("Job stats", extra={"event": "run_info", "stats": {"total": 12}})
     run_job(watched.logger, 3, "read_scan", sequence="room", index="0")
     info = {"event": "job_info", "jobid": 4, "rule_name": "run_icp", "wildcards": {"chunk": "0"}}
@@ -115,7 +115,7 @@ def test_a_line_per_job_with_settings_done_rate_and_time_left(watched):
     watched.logger.info("ends", extra={"event": "job_finished", "job_id": 4})
     assert watched.terminal.getvalue().splitlines() == [
         "[ 1/12] read_scan room 0",
-        "[ 2/12] run_icp 0: 5 of 20 settings, 250 ICP runs a second, 0:06 left",
+        "[ 2/12] run_icp 0: 5 of 20 settings, 0:06 left",
     ]
     assert watched.own.getvalue() == "Job stats\n"
 

@@ -95,6 +95,17 @@ def test_where_the_growth_is_unsure_no_cause_is_named():
     assert "sensor noise" not in text and "shrinks" not in text
 
 
+@pytest.mark.parametrize("on", [0.201**2, 0.21**2, 0.19**2])
+def test_what_hardly_changes_is_not_shared_out(on):
+    text = pose_error.sentence(of_errors(clean=(0.49, 0.2**2), value=(316.84, on)), STUDY)
+    assert "sensor noise makes 94 % of the growth in translation, mostly along y; without" in text
+    assert text.endswith("; hardly any change in rotation (less than a tenth)")
+    assert "growth in rotation" not in text and "shrinks" not in text
+    text = pose_error.sentence(of_errors(clean=(1.44, 0.2**2), value=(1.5, on), unsure=True), STUDY)
+    assert text.endswith("; hardly any change in translation and rotation (less than a tenth)")
+    assert "sensor noise" not in text and "told from zero" not in text
+
+
 def test_parts_are_told_where_per_cent_may_not_be():
     text = pose_error.sentence(of_errors(in_per_cent=False), STUDY)
     assert "sensor noise makes 297 of the 316 cm² that the squared error grows by in tr" in text

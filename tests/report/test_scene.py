@@ -174,6 +174,15 @@ def test_page_is_self_contained_small_and_the_same_each_time(shown):
         assert f'"name":"{name}' in page
 
 
+@pytest.mark.parametrize("shape", scene.PLACES)
+def test_panels_of_the_page_use_the_window_and_do_not_overlap(shape):
+    places = np.array(list(scene.PLACES[shape].values()))  # of panels x, y, each from and to
+    assert places.min() == 0 and places.max() == 1
+    assert np.diff(places, axis=2).prod(axis=(1, 2)).sum() > 0.9
+    apart = (places[:, None, :, 0] >= places[None, :, :, 1]).any(axis=2)
+    assert (apart | apart.T | np.eye(len(places), dtype=bool)).all()
+
+
 def test_a_title_from_the_configuration_cannot_break_the_page(shown):
     title, text = "<script>alert(1)</script> 6–7", "a </p><script>alert(2)</script> & more"
     page = scene.page(shown, title, text)

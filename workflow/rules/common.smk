@@ -64,8 +64,10 @@ PLANS = Plans(
 # Jobs are parallel by processes; a library that starts threads of its own only gets in their way.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[variable] = "1"
-os.environ.setdefault("NUMBA_CACHE_DIR", f"{workflow.basedir}/.cache/numba")
-os.environ.setdefault("MPLCONFIGDIR", f"{workflow.basedir}/.cache/matplotlib")
+# All folders that use a clone share its caches, unless it can only be read.
+CACHES = f"{workflow.basedir if os.access(workflow.basedir, os.W_OK) else os.getcwd()}/.cache"
+os.environ.setdefault("NUMBA_CACHE_DIR", f"{CACHES}/numba")
+os.environ.setdefault("MPLCONFIGDIR", f"{CACHES}/matplotlib")
 # Figures are drawn into files; no window may open.
 os.environ.setdefault("MPLBACKEND", "Agg")
 

@@ -53,7 +53,6 @@ rule measure_fit:
     params:
         plan=plan_of_fit,
         scans=scans_of_pairs,
-        title=lambda wildcards: f"{wildcards.experiment}, {sequence_of(wildcards).title}",
     script:
         "../scripts/measure_fit.py"
 

@@ -30,6 +30,7 @@ def measure_fit(paths, output, plan, scans, title, terminal):
 
 if __name__ == "__main__":
     with job(snakemake, __file__) as terminal:
-        params = snakemake.params
-        found = (params.plan, params.scans, params.title)
+        # By its key, since another title would measure again, and explain what follows.
+        title = f"{snakemake.wildcards.experiment}, {snakemake.wildcards.sequence}"
+        found = (snakemake.params.plan, snakemake.params.scans, title)
         measure_fit(snakemake.input, snakemake.output[0], *found, terminal)
