@@ -65,8 +65,10 @@ def _explain(given: argparse.Namespace) -> None:
     _compiling(given)
     for path in filter(None, (given.html, given.covariance, given.save)):
         _require_folder(path)
+    reference, source = _scans(given)
     explanation = explain(
-        *_scans(given),
+        reference,
+        source,
         _transform(given.transform),
         causes=_causes(given),
         estimator=_estimator(given),
@@ -100,8 +102,10 @@ def _fit(given: argparse.Namespace) -> None:
     from icpshap.fit import checks
     from icpshap.one_pair.recipe import fit_table
 
+    reference, source = _scans(given)
     found = fit_table(
-        *_scans(given),
+        reference,
+        source,
         _transform(given.transform),
         causes=_causes(given),
         estimator=_estimator(given),

@@ -91,7 +91,7 @@ def explain(
         pair = Pair.measured(
             reference, source, T, asked.perturbation.overlap_distance, source_times
         )
-        parts = [(what_if_tables.AS_IT_IS, {}, asked.levels, asked.preset)]
+        parts: list[Any] = [(what_if_tables.AS_IT_IS, {}, asked.levels, asked.preset)]
         parts += [(name, *changed) for name, changed in asked.what_if.items()]
         said = _Progress(progress, len(parts))
         made = []

@@ -8,7 +8,7 @@ import numpy as np
 from icpshap.report import captions, directions, effects, words
 
 MOST_LINES = 40
-BAR = 30  # characters of the longest
+BAR = 24  # characters of the longest
 BLOCKS = " ▏▎▍▌▋▊▉█"  # of an eighth of a character each
 BOLD, RESET = "\033[1m", "\033[0m"
 WARNING = "\033[33m"
