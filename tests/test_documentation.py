@@ -6,7 +6,7 @@ import shlex
 import shutil
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from textwrap import indent
 
@@ -20,11 +20,13 @@ from project import TINY, Project
 from snakemake.cli import get_argument_parser
 
 from docs import generate
-from icpshap import causes, options, presets, schema, tables
+from icpshap import causes, cli, options, presets, registrations, schema, tables
 from icpshap import config as settings
 from icpshap.estimators import KINDS
 from icpshap.estimators.perturb import Perturbation
 from icpshap.explanation import readings
+from icpshap.one_pair import given
+from icpshap.one_pair.explanation import Explanation
 
 DOCS = REPOSITORY / "docs"
 EXTENDING = DOCS / "extending.md"
@@ -181,6 +183,34 @@ def test_commands_are_valid(command):
         settings.load(laid_over(PAPER_CONFIG, overlay))
     for word in shlex.split(command.line):
         assert not re.search(r"[\[\]{}]", word) or f"'{word}'" in command.line, "zsh needs quotes"
+
+
+# Of the command icpshap; a line may begin with variables of the environment and end in a file.
+ONE_PAIR_COMMANDS = [
+    pytest.param(found[1], id=found[1])
+    for path in PAGES
+    for block in blocks(path, "bash")
+    for line in block.splitlines()
+    if (found := re.match(r"(?:[A-Z_]+=\S+ )*(?:\.venv/bin/)?icpshap ([^>]*)", line))
+]
+
+
+@pytest.mark.parametrize("line", ONE_PAIR_COMMANDS)
+def test_commands_of_one_pair_are_valid(line):
+    typed = cli._parser().parse_args(cli._joined(shlex.split(line)))
+    changes = cli._what_if(typed.what_if) if "what_if" in typed else None
+    asked = given.given(cli._causes(typed), cli._estimator(typed), None, changes, None)
+    assert asked.levels
+    name = getattr(typed, "register", None)
+    assert not name or ":" in name or callable(getattr(registrations, name))
+
+
+def test_every_part_of_an_explanation_is_described():
+    page = (DOCS / "one_pair.md").read_text().partition("## What comes back")[2]
+    described = set(re.findall(r"`(\w+)(?:\(\))?`", page.partition("\n## ")[0]))
+    parts = {name for name in vars(Explanation) if not name.startswith("_")}
+    parts |= {field.name for field in fields(Explanation)}
+    assert parts <= described
 
 
 # --- options are said once ------------------------------------------------------------------------
