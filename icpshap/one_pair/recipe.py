@@ -232,9 +232,11 @@ class _Run:
         fit = checks.complete(numbers, explained["uncertainty"], off)
         explained["shap"] = checks.marked(explained["shap"], fit)
         found = {"pairs": pairs, "fit": fit, "fit_numbers": numbers, **explained}
-        found |= {name: table for name, table in (("runs", runs), ("estimates", estimates))}
+        where = {"reference": self.streams.reference, "source": self.streams.source}
+        for name, table in (("runs", runs), ("estimates", estimates)):
+            if table is not None:
+                found[name] = table.assign(**where).reset_index(drop=True)
         covariances = self._covariances(runs, estimates, instances, *read_by, scan_pair)
-        found = {name: table for name, table in found.items() if table is not None}
         return _Made(found, covariances, self._scans())
 
     def _scans(self):
