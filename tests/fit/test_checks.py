@@ -132,7 +132,7 @@ def test_an_estimator_without_normals_is_not_asked_for_them():
 def test_where_it_is_demanded_red_is_an_error_with_its_remedy():
     checks.require_fit(fit_numbers(ONE, overlap=0.2), ("apartment", 0, 1))
     numbers = fit_numbers(ONE, typical_range=3800.0)
-    with pytest.raises(DataError, match="3,800 m of the scanner: points in metres"):
+    with pytest.raises(DataError, match=r"3,800 m of the scanner\. What may mend it: "):
         checks.require_fit(numbers, ("apartment", 0, 1))
 
 
