@@ -334,7 +334,9 @@ def red(fit):
     found = {}
     for pair, rows in fit.groupby(PAIR, sort=False):
         rows = rows[rows.grade == "red"]
-        found[pair] = " ".join(map(said, rows.itertuples()))
+        # What mends several one after the other is said behind the last.
+        remedies = rows.remedy.where(rows.remedy != rows.remedy.shift(-1), "")
+        found[pair] = " ".join(map(said, rows.assign(remedy=remedies).itertuples()))
     return found
 
 

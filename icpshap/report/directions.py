@@ -254,8 +254,8 @@ def note(table, study):
             "wrong basins included."
         )
     sentences.append(
-        "What a cause makes is its Shapley value of the squared error or of the variance; in cm or "
-        "deg is what would remain without it."
+        "Made by a cause is its Shapley value of the squared error or of the variance; without it "
+        "is the error or the standard deviation that would remain."
     )
     if any("[" in cell for row in found.values() for cell in (row.clean_ends, row.value_ends)):
         sentences.append("In brackets 95 % intervals.")

@@ -433,7 +433,7 @@ def _cloud_traces(scene):
     traces = []
     for name, (points, colour) in clouds(scene).items():
         x, y, z = thin(points, PAGE_POINTS).astype(np.float32).T
-        marker = {"size": 2.5 if name.startswith("removed") else 1.2, "color": colour}
+        marker = {"size": 1.7 if name.startswith("removed") else 1.2, "color": colour}
         look = {"mode": "markers", "marker": marker, "hoverinfo": "skip"}
         traces.append(go.Scatter3d(x=x, y=y, z=z, name=escape(name), **look))
     return traces
