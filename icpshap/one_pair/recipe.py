@@ -242,7 +242,7 @@ class _Run:
     def _scans(self):
         draws = Draws(self.pair, self.estimator, self.perturbation.deviation, self.streams)
         setting = plan.Setting.at(self.levels)
-        return Scans(self.pair, *(draws.kept(setting, scan, 0) for scan in SCANS))
+        return Scans(self.pair, *(draws.left(setting, scan, 0) for scan in SCANS))
 
     def _describe(self):
         """The row of the pairs table. Raises DataError for a pair that cannot be registered."""
