@@ -108,7 +108,12 @@ def explain(
         ]
         tables["what_if"] = what_if_tables.table(rows, tables["pairs"])
     study = Study.of(
-        "pair", asked.name, asked.preset, asked.levels, titles={name: name}, waterfall=asked.levels
+        asked.name,
+        asked.name,
+        asked.preset,
+        asked.levels,
+        titles={name: name},
+        waterfall=asked.levels,
     )
     options = {key: value for key, value in asked.preset.options.items() if not callable(value)}
     return Explanation(
