@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from icpshap import options, presets
 from icpshap.causes import CAUSES, named
 from icpshap.data.layout import ORDERS
+from icpshap.data.scenes import SCENES
 from icpshap.estimators import KINDS
 from icpshap.estimators.perturb import Perturbation
 from icpshap.options import REQUIRED, option
@@ -19,7 +20,6 @@ NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1, "uniqueIte
 FIGURES = ("summary", "waterfall", "dependence", "interactions", "directions", "pairs")
 MOST_LEVELS = 1000  # of one cause
 TILTING_BEAMS = 367_540  # of a full scan of the simulated tilting laser
-SCENES = ("apartment", "stairwell", "plain")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +91,7 @@ class Folder:
 class Simulated:
     """Keys of `simulated`."""
 
-    scene: str = option(REQUIRED, "The scene", choices=SCENES)
+    scene: str = option(REQUIRED, "The scene", choices=tuple(SCENES))
     beams: int = option(
         REQUIRED,
         f"Laser beams of a scan, of the tilting laser drawn out of its {TILTING_BEAMS}; a few "

@@ -376,15 +376,16 @@ class Draws:
 
     def kept(self, setting, scan, noise_draw):
         """Mask of the raw rows of a scan that the voxel filter and the causes leave."""
-        side = self.perturbing.voxel_size
-        if side is None:
-            kept = np.ones(len(getattr(self.pair, scan)), dtype=bool)
-        else:
-            kept = _on_grid(self.pair, scan, side).copy()
+        left, side = self.left(setting, scan, noise_draw), self.perturbing.voxel_size
+        return left if side is None else left & _on_grid(self.pair, scan, side)
+
+    def left(self, setting, scan, noise_draw):
+        """Mask of the raw rows of a scan that the causes leave, before any filter."""
+        left = np.ones(len(getattr(self.pair, scan)), dtype=bool)
         for cause, level in _on(self.keeping, setting):
             if scan in cause.scans:
-                kept &= cause.keep(self.pair, scan, level, noise_draw, self.streams)
-        return kept
+                left &= cause.keep(self.pair, scan, level, noise_draw, self.streams)
+        return left
 
     def in_range(self, points):
         return np.linalg.norm(points, axis=1) > self.perturbing.minimum_range

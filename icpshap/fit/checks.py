@@ -29,6 +29,8 @@ FAR = 1.0  # m of the median source point from the reference at the true pose
 SUCCESS = 0.95
 MEMORY = 0.5
 
+AS_ABOVE = "what the other checks propose, else estimator: lidar"
+
 
 class Judged(NamedTuple):
     """What a check says of a pair: its number and unit, what is right, a sentence, and a remedy.
@@ -233,7 +235,7 @@ def clean_success(row):
     judged = fits("clean success", row.success_rate, "-", expected, sentence)
     if row.success_rate >= SUCCESS:
         return judged
-    return judged._replace(grade="red", remedy="what is red or remarked above; estimator: lidar")
+    return judged._replace(grade="red", remedy=AS_ABOVE)
 
 
 def clean_basin(row):
@@ -245,7 +247,7 @@ def clean_basin(row):
     return judged._replace(
         grade="red",
         sentence="fewer than half of the clean runs lie together",
-        remedy="what is red or remarked above; estimator: lidar",
+        remedy=AS_ABOVE,
     )
 
 
@@ -332,7 +334,9 @@ def red(fit):
     found = {}
     for pair, rows in fit.groupby(PAIR, sort=False):
         rows = rows[rows.grade == "red"]
-        found[pair] = " ".join(map(said, rows.itertuples()))
+        # What mends several one after the other is said behind the last.
+        remedies = rows.remedy.where(rows.remedy != rows.remedy.shift(-1), "")
+        found[pair] = " ".join(map(said, rows.assign(remedy=remedies).itertuples()))
     return found
 
 
@@ -353,7 +357,7 @@ def require_fit(numbers, pair):
 def said(row):
     """A row of a fit table as a sentence, with the change that mends it."""
     text = f"{row.sentence[0].upper()}{row.sentence[1:]}"
-    return f"{text}: {row.remedy}." if row.remedy else f"{text}."
+    return f"{text}. What may mend it: {row.remedy}." if row.remedy else f"{text}."
 
 
 def by_check(fit):

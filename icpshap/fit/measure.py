@@ -90,19 +90,19 @@ def normals(points, neighbourhood):
     centres = points[:: -(-len(points) // NEIGHBOURHOODS)]
     distances, nearest = tree.query(centres, neighbours)
     bearings = points / np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
-    reach, on_line, on_ring = [], 0, 0
-    for centre, distance, rows in zip(centres, distances, nearest, strict=True):
-        if distance[-1] < radius:
-            rows = tree.query_ball_point(centre, radius)
-        reach.append(max(distance[-1], radius if len(rows) > neighbours else 0.0))
-        line = _is_line(points[rows])
-        on_line += line
-        on_ring += line or _is_line(bearings[rows])
+    reach = distances[:, -1].copy()
+    on_line, on_ring = (_are_lines(of[nearest]) for of in (points, bearings))
+    for place in np.flatnonzero(reach < radius):
+        rows = tree.query_ball_point(centres[place], radius)
+        reach[place] = radius if len(rows) > neighbours else reach[place]
+        on_line[place], on_ring[place] = (
+            _are_lines(of[rows][None])[0] for of in (points, bearings)
+        )
     return {
         "neighbours": float(neighbours),
         "normal_radius": float(np.median(reach)),
-        "line_share": on_line / len(centres),
-        "ring_share": on_ring / len(centres),
+        "line_share": float(on_line.mean()),
+        "ring_share": float((on_line | on_ring).mean()),
     }
 
 
@@ -124,10 +124,11 @@ def without_rings(points, neighbourhood, ring_share):
     return found
 
 
-def _is_line(points):
-    """Whether points (k, 3) spread along one axis alone."""
-    variances = np.linalg.eigvalsh(np.cov(points.T))
-    return bool(variances[1] < COLLINEAR**2 * variances[2])
+def _are_lines(clouds):
+    """Which of clouds (m, k, 3) spread along one axis alone."""
+    centred = clouds - clouds.mean(axis=1, keepdims=True)
+    variances = np.linalg.eigvalsh(np.einsum("mki,mkj->mij", centred, centred))
+    return variances[:, 1] < COLLINEAR**2 * variances[:, 2]
 
 
 def overlap(pair):

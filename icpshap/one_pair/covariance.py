@@ -35,6 +35,7 @@ class PoseCovariance:
 
     @property
     def unit(self) -> str:
+        """Units of its blocks: of the first three rows, of both, of the last three."""
         first, second = ("rad", "m") if self.order == ROTATION_FIRST else ("m", "rad")
         return f"{first}^2, {first} {second}, {second}^2"
 

@@ -52,6 +52,8 @@ def _scene(explanation):
 def page(explanation):
     """The report of one pair as HTML, with its pictures inside."""
     with extra("plots", "matplotlib", "shap", "jinja2", "markupsafe"):
+        from matplotlib import pyplot
+
         from icpshap.report import page as report
         from icpshap.report.figures.style import save
     names = [name for name in FIGURES if name != SCENE or explanation.scans is not None]
@@ -60,6 +62,7 @@ def page(explanation):
         for name, path in zip(names, paths, strict=True):
             figure, caption = draw(explanation, name)
             save(figure, path)
+            pyplot.close(figure)
             path.with_suffix(".txt").write_text(caption, encoding="utf-8")
         tables = explanation.tables
         section = report.Section(

@@ -108,7 +108,12 @@ def explain(
         ]
         tables["what_if"] = what_if_tables.table(rows, tables["pairs"])
     study = Study.of(
-        "pair", asked.name, asked.preset, asked.levels, titles={name: name}, waterfall=asked.levels
+        asked.name,
+        asked.name,
+        asked.preset,
+        asked.levels,
+        titles={name: name},
+        waterfall=asked.levels,
     )
     options = {key: value for key, value in asked.preset.options.items() if not callable(value)}
     return Explanation(
@@ -232,15 +237,17 @@ class _Run:
         fit = checks.complete(numbers, explained["uncertainty"], off)
         explained["shap"] = checks.marked(explained["shap"], fit)
         found = {"pairs": pairs, "fit": fit, "fit_numbers": numbers, **explained}
-        found |= {name: table for name, table in (("runs", runs), ("estimates", estimates))}
+        where = {"reference": self.streams.reference, "source": self.streams.source}
+        for name, table in (("runs", runs), ("estimates", estimates)):
+            if table is not None:
+                found[name] = table.assign(**where).reset_index(drop=True)
         covariances = self._covariances(runs, estimates, instances, *read_by, scan_pair)
-        found = {name: table for name, table in found.items() if table is not None}
         return _Made(found, covariances, self._scans())
 
     def _scans(self):
         draws = Draws(self.pair, self.estimator, self.perturbation.deviation, self.streams)
         setting = plan.Setting.at(self.levels)
-        return Scans(self.pair, *(draws.kept(setting, scan, 0) for scan in SCANS))
+        return Scans(self.pair, *(draws.left(setting, scan, 0) for scan in SCANS))
 
     def _describe(self):
         """The row of the pairs table. Raises DataError for a pair that cannot be registered."""

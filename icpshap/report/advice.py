@@ -4,7 +4,7 @@ Tables are shap, fit and what_if tables, and studies `study.Study`.
 """
 
 from icpshap.fit import checks
-from icpshap.report import what_if
+from icpshap.report import effects, what_if
 from icpshap.report.study import contains_zero
 
 FIRST = 2  # remedies of the fit table that are told
@@ -20,21 +20,23 @@ def _remedies(fit):
     """The changes that mend the gravest misfits."""
     rows = checks.by_check(fit)
     rows = rows[rows.grade != "fits"].head(FIRST)
-    return [f"Not tried: {row.remedy} ({row.check})." for row in rows.itertuples()]
+    return [f"Not tried, for {row.check}: {row.remedy}." for row in rows.itertuples()]
 
 
 def _removal(shap, study):
     """The cause without which f falls most, if that can be told from zero in most instances."""
     kept = study.valued(shap)
-    effects = {}
+    found = {}
     for cause in study.shown(kept):
         part = study.present(kept, cause)
+        if part[f"narrows_{cause.name}"].mean() > effects.MOST:
+            continue  # less of it makes no error smaller
         name = f"removal_{cause.name}"
         # An effect without an interval may be none.
         sure = part[f"{name}_low"].notna() & ~contains_zero(part, name)
         if len(part) and sure.mean() > 0.5 and part[name].median() > 0:
-            effects[cause] = part[name].median()
-    if not effects:
+            found[cause] = part[name].median()
+    if not found:
         return []
-    cause = max(effects, key=effects.get)
-    return [f"Not tried: {cause.mitigation}, since without {cause.title} f falls most."]
+    cause = max(found, key=found.get)
+    return [f"Not tried, since f falls most without {cause.title}: {cause.mitigation}."]

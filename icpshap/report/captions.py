@@ -128,7 +128,7 @@ def found(table, directions_table, study):
     """The main finding: the pose error, then f; what limits it comes first."""
     error = pose_error.sentence(directions_table, study)
     broken = fit.misfits(table, study)
-    start = f"{broken} As it is: " * bool(broken) + f"{error}. In f [{study.unit}]: " * bool(error)
+    start = f"{broken} As it is: " * bool(broken) + f"{error}. As for f: " * bool(error)
     first = [effects.success(table, study), effects.no_basin(table, study)]
     if len(study.valued(table)) == 0:
         parts = "; ".join([*filter(None, first), "no pair has a value"])
@@ -160,7 +160,8 @@ def _contributions(rows, table, study):
         parts = [_largest(largest, clear[largest], study), effects.removal(table, study, largest)]
     elif any(cause not in narrowing for cause in rows):
         which = "other cause" if narrowing else "cause"
-        parts = [f"no {which} can be told from zero in most instances"]
+        most = " in most instances" * (len(study.valued(table)) > 1)
+        parts = [f"no {which} can be told from zero{most}"]
     if judged_by:
         parts.append(_told_from_zero(told))
     else:
@@ -186,9 +187,8 @@ def _largest(cause, rows, study):
     # Where the spread shrinks, f measures a change and not an uncertainty.
     changes = (rows.shrinks | rows[f"narrows_{cause.name}"]).any()
     does = "changes the spread most" if changes else "contributes most to the uncertainty"
-    return (
-        f"{cause.title} {does}, its share of f φ = {_in_median(rows, f'phi_{cause.name}', study)}"
-    )
+    share = _in_median(rows, f"phi_{cause.name}", study)
+    return f"{cause.title} {does}, its share of f is φ = {share}"
 
 
 def _in_median(rows, name, study):
@@ -398,13 +398,16 @@ def _dependence(cause, other, table, study):
 
 def _interactions(table, study):
     where = f"{which_pairs(table, study)} {which_instances(table, study)}"
-    ring = " A ring marks a cell of which most 95 % intervals contain 0."
-    ring *= bool(study.interval_over(table))
+    one = len(table) == 1
+    contain = "the 95 % interval contains 0" if one else "most 95 % intervals contain 0"
+    ring = f" A ring marks a cell of which {contain}." * bool(study.interval_over(table))
+    value = "Shapley value" if one else "median Shapley value"
     if len(study.shown(table)) == 1:
-        return f"Median Shapley value, {where}. {ALONE}{ring}"
+        return f"{value[0].upper()}{value[1:]}, {where}. {ALONE}{ring}"
+    medians = "" if one else ": medians over the instances in which both are on"
     return (
-        f"Shapley interaction indices of every two causes, {where}: medians over the instances in "
-        f"which both are on; on the diagonal the median Shapley value of the cause itself.{ring} "
+        f"Shapley interaction indices of every two causes, {where}{medians}; on the diagonal the "
+        f"{value} of the cause itself.{ring} "
         "Below 0, two causes together add less than the sum of what each adds alone. Some of that "
         "is arithmetic: where covariances simply add up and each cause alone makes the variance "
         f"four times as large, the logarithm alone gives {additive_interaction(3.0):+.2f} nats "

@@ -154,7 +154,7 @@ def _ends(rows, name, told):
 
 
 def _per_cent(share):
-    return f"{100 * share:.0f}"
+    return f"{100 * share:z.0f}"
 
 
 def deviation(variance):
@@ -245,20 +245,22 @@ def _without(row, number):
 
 
 def note(table, study):
-    """Of what the table of errors is, and what its rows mean."""
+    """What the rows of the table of errors mean."""
     found = {row.name: row for row in summary(table, study)}
-    sentences = [f"{opening(table, study).rstrip(':')}."]
+    sentences = []
     if set(found) & {"error_translation", "error_rotation"}:
         sentences.append(
             "Errors are root mean squares about the true pose over all results that did not fail, "
             "wrong basins included."
         )
     sentences.append(
-        "A cause makes its Shapley value of the square. In brackets 95 % intervals, where they are "
-        "of one instance."
+        "Made by a cause is its Shapley value of the squared error or of the variance; without it "
+        "is the error or the standard deviation that would remain."
     )
+    if any("[" in cell for row in found.values() for cell in (row.clean_ends, row.value_ends)):
+        sentences.append("In brackets 95 % intervals.")
     if any("∞" in f"{row.clean_quantile_ends}{row.quantile_ends}" for row in found.values()):
-        sentences.append("∞: so few independent runs bound it from below only.")
+        sentences.append("∞: so few independent runs bound the error from below only.")
     if "weakest" in found:
         sentences.append(_vector(found["weakest"]))
     return " ".join(sentences)
@@ -270,8 +272,8 @@ def _vector(row):
         return "Each instance has a weakest direction of its own."
     entries = [f"{entry:.2f}" for entry in row.vector]
     return (
-        f"Its unit vector is ({', '.join(entries[:3])}) about and ({', '.join(entries[3:])}) "
-        "along x, y and z."
+        f"The unit vector of the weakest direction is ({', '.join(entries[:3])}) about and "
+        f"({', '.join(entries[3:])}) along x, y and z."
     )
 
 

@@ -26,8 +26,9 @@ def no_basin(table, study):
     number = table.no_basin.sum()
     if not number:
         return ""
+    where = f"in {number:,} of {len(table):,} instances " * (len(table) > 1)
     return (
-        f"in {number:,} of {len(table):,} instances fewer than half of the {study.repeats} of a "
+        f"{where}fewer than half of the {study.repeats} of a "
         "setting lie together, so that it has no basin: no share of wrong basins, and a covariance "
         "that says little"
     )
@@ -55,9 +56,10 @@ def shrinking(table, study, with_error=True):
     shrunk, narrow = kept[kept.shrinks], narrowing(table, study)
     parts = []
     if len(shrunk):
+        where = f" in {len(shrunk):,} of {len(kept):,} instances" * (len(kept) > 1)
         parts.append(
-            f"the spread shrinks in {len(shrunk):,} of {len(kept):,} instances (half the log "
-            f"determinant {words.of_rows(shrunk, 'entropy_difference', 'nats')}"
+            f"the spread shrinks{where} (half the log determinant of its covariance changes by "
+            f"{words.of_rows(shrunk, 'entropy_difference', 'nats')}"
             f"{_errors(shrunk) * with_error})"
         )
     for cause in narrow:
@@ -65,8 +67,8 @@ def shrinking(table, study, with_error=True):
         some = not marks.all()
         where = f" in {marks.sum():,} of {len(marks):,} instances" if some else ""
         parts.append(
-            f"{cause.title} narrows it{where} and is no source of uncertainty{' there' * some}, "
-            "though f counts any change"
+            f"{cause.title} narrows the spread{where} and is no source of uncertainty"
+            f"{' there' * some}, though f counts any change"
         )
     return "; ".join(parts)
 
@@ -144,10 +146,9 @@ def table_of_causes(table, study, form="html"):
 
 def note_of_causes(table, study):
     """What the table of the causes shows."""
-    several = len(table) > 1
-    whose = "medians over the instances in which a cause is on" if several else "of the instance"
+    medians = " Medians over the instances in which a cause is on." * (len(table) > 1)
     return (
-        "φ says how f is shared out, the removal effect what f falls by without the cause; the "
-        f"last column how many more {study.repeats} failed or ended in a wrong basin by it; "
-        f"{whose}."
+        "φ says how f is shared out, the removal effect what f falls by without the cause, the "
+        f"last column how many more {study.repeats} failed or ended in a wrong basin by it."
+        f"{medians}"
     )

@@ -38,7 +38,6 @@ def html(fit, study):
         of = study.pair(row) if row.number == 1 else of
         found = f"{row.sentence[0].upper()}{row.sentence[1:]}."
         found += f" ({of})" * (several and row.grade != "fits")
-        change = f"{row.remedy} (not tried)" if row.remedy else ""
-        rows.append([GRADES[row.grade], row.check, found, row.expected, change])
-    header = ["", "check", "found", "right", "what mends it"]
+        rows.append([GRADES[row.grade], row.check, found, row.expected, row.remedy])
+    header = ["", "check", "found", "right", "what may mend it (not tried)"]
     return tabulate(rows, header, tablefmt="html", disable_numparse=True)

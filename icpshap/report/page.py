@@ -117,9 +117,13 @@ def summary(sections, page_path, joined=()):
         )
     for section in _alone(sections, joined):
         lines.append(f"Results: results/{section.scope}/ (figures, tables, shap.parquet)")
-    lines += ["", *_findings(sections, joined), *_symbols(sections)]
+    for finding in _findings(sections, joined):
+        lines += ["", finding]
+    lines += ["", " ".join(_symbols(sections)), ""]
+    told = {}
     for section in _alone(sections, joined):
-        lines += [f"{section.scope}: {' '.join(told)}" for told in [_advice(section)] if told]
+        told.setdefault(" ".join(_advice(section)), []).append(section.scope)
+    lines += [f"{', '.join(scopes)}: {text}" for text, scopes in told.items() if text]
     groups = warnings(sections)
     if groups:
         several = f"{len(groups)} kinds of warnings, the gravest"
@@ -156,8 +160,12 @@ def _fit(section):
 
 
 def _symbols(sections):
-    """What the symbols of the findings are, each once."""
-    return list(dict.fromkeys(text for part in sections for text in captions.symbols(part.study)))
+    """What the words and symbols of the findings are, each once."""
+    found = ["Clean: no cause is on."]
+    if any(len(part.shap) > 1 for part in sections):
+        found.append("An instance: one pair at one combination of levels of the causes.")
+    found += [text for part in sections for text in captions.symbols(part.study)]
+    return list(dict.fromkeys(found))
 
 
 def _finding(section):
@@ -209,6 +217,7 @@ def _described(section, folder):
         "causes": Markup(effects.table_of_causes(section.shap, study)),
         "causes_note": effects.note_of_causes(section.shap, study),
         "errors": Markup(directions.html(section.directions, study)),
+        "errors_of": directions.opening(section.directions, study),
         "errors_note": directions.note(section.directions, study),
         "table": Markup(tables.html(section.ranking, study)) if ranked else "",
         "table_note": tables.note(section.ranking, study) if ranked else "",

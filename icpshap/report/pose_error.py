@@ -152,7 +152,8 @@ def _made(changes, number, rows):
     phrases = []
     for change in changes:
         if change.sign < 0:
-            phrases.append(f"lowers it most in {change.where}")
+            again = "" if phrases and phrases[-1].startswith("lowers") else "lowers it most "
+            phrases.append(f"{again}in {change.where}")
             continue
         again = "" if phrases and phrases[-1].startswith("makes") else "makes "
         along = _mostly(number, rows) if change.where == "translation" else ""

@@ -106,7 +106,7 @@ def _cells(table):
     one = len(pairs_of(table)) == 1
     for _, row in medians(table).iterrows():
         ends = (row.f_low, row.f_high) if one else (np.nan, np.nan)
-        share = "" if np.isnan(row.wrong_basin_share) else f"{row.wrong_basin_share:.0%}"
+        share = "no value" if np.isnan(row.wrong_basin_share) else f"{row.wrong_basin_share:.0%}"
         yield [
             row.what_if.replace("_", " "),
             row.changes,

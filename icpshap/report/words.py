@@ -11,8 +11,10 @@ AXIS = " The axis is linear up to 1 and logarithmic beyond."
 
 
 def number(value):
-    """A value as text, with two decimals unless it is very large."""
-    return f"{value:.2f}" if abs(value) < 1000 else f"{value:.3g}"
+    """A value as text, with two decimals, or three digits where it is large."""
+    if abs(value) < 1000:
+        return f"{value:z.2f}"  # z: no -0.00
+    return f"{float(f'{value:.3g}'):.0f}" if abs(value) < 1e5 else f"{value:.3g}"
 
 
 def interval(low, high):

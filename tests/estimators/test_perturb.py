@@ -301,6 +301,7 @@ def test_the_voxel_filter_keeps_the_same_rows_in_every_setting(room_pair):
     left = made.kept(noisy, "source", 0)
     without = draws(room_pair).kept(noisy, "source", 0)
     np.testing.assert_array_equal(left, without & made.kept(clean, "source", 0))
+    np.testing.assert_array_equal(made.left(noisy, "source", 0), without)  # the causes alone
     (group, *_) = groups(room_pair, [noisy], voxel_size=0.3)
     assert len(group.reference) < 0.5 * len(room_pair.reference)
 

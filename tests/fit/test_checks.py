@@ -132,7 +132,7 @@ def test_an_estimator_without_normals_is_not_asked_for_them():
 def test_where_it_is_demanded_red_is_an_error_with_its_remedy():
     checks.require_fit(fit_numbers(ONE, overlap=0.2), ("apartment", 0, 1))
     numbers = fit_numbers(ONE, typical_range=3800.0)
-    with pytest.raises(DataError, match="3,800 m of the scanner: points in metres"):
+    with pytest.raises(DataError, match=r"3,800 m of the scanner\. What may mend it: "):
         checks.require_fit(numbers, ("apartment", 0, 1))
 
 
@@ -169,6 +169,13 @@ def test_clean_runs_that_do_not_arrive_are_red(changed, check, words):
     assert (row.check, row.grade) == (check, "red") and words in row.sentence
     marked = checks.marked(shap_table(FIXED, PAIRS), fit)
     assert words in marked.misfit[0].lower() and set(marked.misfit[1:]) == {""}
+
+
+def test_a_remedy_of_two_rows_is_said_behind_the_second():
+    changed = {"success_rate": 0.5, "no_basin": True}
+    fit = checks.complete(fit_numbers(ONE), clean_rows(**changed), {"sensor_noise": 0.0})
+    (text,) = filter(None, checks.red(fit).values())
+    assert text.count("What may mend it") == 1 and text.endswith("estimator: lidar.")
 
 
 def test_runs_that_stop_on_their_way_are_remarked_in_whatever_setting():

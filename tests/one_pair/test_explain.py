@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from matplotlib import pyplot
 
 import icpshap
 from icpshap import se3
@@ -115,11 +116,14 @@ def test_a_place_that_cannot_be_written_is_named(explained, tmp_path):
 
 def test_every_figure_and_the_page_are_drawn(explained):
     for name in ("waterfall", "interactions", "directions", "scene"):
-        assert explained.plot(name).get_axes()
+        figure = explained.plot(name)
+        assert figure.get_axes()
+        pyplot.close(figure)
     with pytest.raises(UserError, match="expected one of waterfall"):
         explained.plot("pie")
     page = explained.to_html()
     assert page.count("<img ") == 4
+    assert not pyplot.get_fignums()
     assert captions.found(
         explained.tables["shap"], explained.directions, explained.study
     ) in page.replace("&#39;", "'")

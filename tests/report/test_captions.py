@@ -117,7 +117,7 @@ def test_finding_names_the_largest_cause(fixed):
     for name, value in zip(THREE, (1.0, 5.0, 2.0), strict=True):
         fixed = with_phi(fixed, name, value, clear=True)
     text = finding(fixed, STUDY)
-    most = "contributes most to the uncertainty, its share of f φ = 5.00 nats in the median"
+    most = "contributes most to the uncertainty, its share of f is φ = 5.00 nats in the median"
     assert f"initial pose scale {most}" in text
     assert "an_experiment (3 pairs of Apartment, ETH)" in text
     unclear = with_phi(fixed, "initial_pose", 5.0, clear=False)
@@ -241,7 +241,7 @@ def test_what_shrinks_is_said_first_and_is_no_source_of_uncertainty(grid):
     first, rest = text.split(": ", 1)[1].split("; ", 1)
     assert first.startswith("the spread shrinks in 18 of 18 instances (half the log determinant")
     assert "translation RMSE from 18 to 5.2 cm" in first
-    assert rest.startswith("sensor noise narrows it and is no source of uncertainty")
+    assert rest.startswith("sensor noise narrows the spread and is no source of uncertainty")
     assert "sensor noise contributes" not in text and "sensor noise changes" not in text
     caption = captions.caption("waterfall", STUDY.instance(narrow, STUDY.waterfall), STUDY)
     assert "green arrow" in caption and "no source of uncertainty" in caption
@@ -258,9 +258,10 @@ def test_what_narrows_in_some_instances_is_not_called_a_source_of_uncertainty():
     text = finding(table.assign(**columns, narrows_sensor_noise=first), STUDY)
     of = f"1 of {len(table)}"
     assert (
-        f"sensor noise narrows it in {of} instances and is no source of uncertainty there" in text
+        f"sensor noise narrows the spread in {of} instances and is no source of uncertainty there"
+        in text
     )
-    assert "sensor noise changes the spread most, its share of f φ = 89.00 nats" in text
+    assert "sensor noise changes the spread most, its share of f is φ = 89.00 nats" in text
     assert "contributes" not in text
 
 
@@ -299,7 +300,7 @@ def test_phi_and_removal_are_both_said_where_their_first_ranks_differ():
         table = table.assign(**{f"phi_{name}": phi, f"removal_{name}": removal})
         table = table.assign(**{f"phi_{name}_low": 0.5, f"phi_{name}_high": 10.0})
     text = finding(table, STUDY)
-    most = "contributes most to the uncertainty, its share of f φ = 9.00 nats"
+    most = "contributes most to the uncertainty, its share of f is φ = 9.00 nats"
     assert f"sensor noise {most}" in text
     assert "removing partial overlap lowers f most, by 4.00 nats in the median" in text
     assert "removing sensor noise by 1.00 nats" in text

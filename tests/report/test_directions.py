@@ -86,7 +86,7 @@ def test_sentences_of_one_instance_have_intervals_and_the_vector(table):
     ]
     assert f"[{', '.join(ends)}] without sensor noise" in text
     entries = [f"{row[f'vector_{k}']:.2f}" for k in range(6)]
-    assert f"Its unit vector is ({', '.join(entries[:3])}) about" in text
+    assert f"The unit vector of the weakest direction is ({', '.join(entries[:3])}) about" in text
     assert error.count("[") == 8  # before and after, of both; the unit and three parts
 
 
@@ -118,7 +118,7 @@ def test_the_table_of_errors_holds_what_sentences_say(table):
     assert "cm²" in told and "of the growth" not in told
     assert told.count("<tr>") == 1 + 4 + 2 * 3
     note = directions.note(table, ONE)
-    assert note.startswith(directions.opening(table, ONE)[:-1]) and "unit vector" in note
+    assert note.startswith("Errors are root mean squares") and "unit vector" in note
 
 
 def test_the_table_of_covariances_has_no_errors(table):

@@ -122,6 +122,7 @@ def test_page_tells_errors_and_the_weakest_direction_once(results):
     run = record.provenance({"run": []}, {}, results.root, results.root)
     text = unescape(report.page([section], run, results.root))
     assert text.count(directions.html(section.directions, section.study)) == 1
+    assert text.count(directions.opening(section.directions, section.study)) == 1
     assert text.count(directions.note(section.directions, section.study)) == 1
     assert not any(said in text for said in directions.sentences(section.directions, section.study))
 
@@ -165,7 +166,8 @@ def test_summary_says_where_results_are_and_what_was_found(results):
     assert "results/grid/" in text and "results/fixed/" in text
     for section in results.sections:
         assert captions.finding(section.shap, section.directions, section.study) in text
-    assert text.count(captions.symbols(STUDY)[0]) == 1
+    assert text.count(captions.symbols(STUDY)[0]) == text.count("Clean: no cause is on.") == 1
+    assert text.count("An instance: ") == 1
     assert "opens with 3 kinds of warnings, the gravest: Pairs that were not registered." in text
     assert len(text.splitlines()) < 24
 

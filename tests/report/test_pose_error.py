@@ -59,7 +59,7 @@ def test_the_error_is_told_before_and_after_with_the_cause_that_makes_it():
 def test_finding_begins_with_the_error_and_then_tells_nats(grid):
     text = captions.finding(grid, of_errors(), STUDY)
     error = pose_error.sentence(of_errors(), STUDY)
-    assert text.startswith(f"an_experiment (Apartment 6–7): {error}. In f [nats]: ")
+    assert text.startswith(f"an_experiment (Apartment 6–7): {error}. As for f: ")
 
 
 def test_of_several_pairs_medians_are_told():

@@ -91,7 +91,8 @@ def test_intervals_are_those_of_the_rows_with_values():
 
 
 def test_words():
-    assert words.number(3.14159) == "3.14" and words.number(-54321.0) == "-5.43e+04"
+    assert words.number(3.14159) == "3.14" and words.number(-54321.0) == "-54300"
+    assert words.number(2.55e5) == "2.55e+05" and words.number(-0.001) == "0.00"
     assert words.with_interval(1.0, 0.5, 1.5) == "1.00 [0.50, 1.50]"
     assert words.with_interval(1.0, np.nan, np.nan) == "1.00"
     assert words.listed(["a"]) == "a" and words.listed("abc") == "a, b and c"

@@ -88,11 +88,15 @@ class TestAdvice:
         )
         fit = fit_table(shap, source_points=250.0, overlap=0.2)
         said = advice.sentences(shap, fit, None, STUDY)
-        assert said[0] == "Not tried: subsampling_probability: 0.3 (points)."
-        assert said[1].startswith("Not tried: scans that are nearer to each other (overlap)")
+        assert said[0] == "Not tried, for points: subsampling_probability: 0.3."
+        assert said[1] == "Not tried, for overlap: scans that are nearer to each other."
         assert said[2] == (
-            "Not tried: a more exact scanner, or points averaged on a grid, since without sensor "
-            "noise f falls most."
+            "Not tried, since f falls most without sensor noise: a more exact scanner, or points "
+            "averaged on a grid."
+        )
+        narrow = shap.assign(narrows_sensor_noise=True)  # less noise makes no error smaller
+        assert not any(
+            "sensor noise" in text for text in advice.sentences(narrow, fit, None, STUDY)
         )
 
     def test_what_was_tried_comes_first(self):

@@ -29,7 +29,7 @@ def draw_scene(paths, output, sequence, indices, params):
     )
     # Of a pair that is not registered nothing was removed, and perhaps nothing can be.
     setting = Setting.at(params.instance if row.registered else {})
-    kept = (draws.kept(setting, scan, 0) for scan in ("reference", "source"))
+    kept = (draws.left(setting, scan, 0) for scan in ("reference", "source"))
     read_by = Method(**params.method), row.characteristic_length
     shown = scene.make_scene(pair, *kept, runs, params.instance, *read_by)
     study = Study(**params.study)

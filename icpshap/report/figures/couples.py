@@ -61,7 +61,7 @@ def interactions(table, study):
     _name_causes(axes, shown)
     if rows > 1:
         _colour_bar(axes, norm, study)
-    handles = _legend(study, norm if rows > 1 else None, any(cell.unsure for cell in found))
+    handles = _legend(table, study, norm if rows > 1 else None, any(cell.unsure for cell in found))
     figure.legend(handles=handles, loc="outside lower left", ncols=1, handlelength=1.2)
     return figure
 
@@ -145,12 +145,13 @@ def _name_causes(axes, shown):
     axes.spines[:].set_visible(False)
 
 
-def _legend(study, norm, has_rings):
+def _legend(table, study, norm, has_rings):
     """What diagonal, cells and rings mean; norm: the colour scale, None without couples."""
-    own = f"diagonal: median φ of the cause itself [{study.unit}]"
+    median = "median " * (len(table) > 1)
+    own = f"diagonal: {median}φ of the cause itself [{study.unit}]"
     handles = [Patch(facecolor=PLAIN, edgecolor=MUTED, linewidth=1, label=own)]
     if norm:
-        both = f"below: median interaction of the two causes [{study.unit}]"
+        both = f"below: {median}interaction of the two causes [{study.unit}]"
         both += ",\ncolours logarithmic beyond 1" * isinstance(norm, SymLogNorm)
         handles.append(Patch(facecolor=COLOURS(0.8), label=both))
     if has_rings:

@@ -63,7 +63,10 @@ def _draw(axes, y, row, shown):
     total = sum(abs(part.value) for part in row.parts) or 1.0
     for x, part in enumerate(row.parts, start=1):
         colour = COLOURS(0.5 + 0.5 * PALEST * part.value / total)
-        _cell(axes, x, y, colour, part.value, size, f"→ {directions.deviation(part.remaining)}")
+        below = f"→ {directions.deviation(part.remaining)}"
+        # Of many causes the cells are narrow: the number makes room for its ring.
+        aside = 0.07 * (part.unsure and len(shown) >= MANY)
+        _cell(axes, x, y, colour, part.value, size, below, aside)
         if part.unsure:
             axes.plot(x + 0.88, y + 0.73, color=readable(colour), **RING)
     _cell(axes, len(shown) + 1, y, PLAIN, row.value, size)
@@ -73,12 +76,12 @@ def _draw(axes, y, row, shown):
     axes.text(place, y + 0.5, text, ha="center", va="center", fontsize=SMALL)
 
 
-def _cell(axes, x, y, colour, value, size, below=""):
-    """A number on its colour, and in small what stands below it."""
+def _cell(axes, x, y, colour, value, size, below="", aside=0.0):
+    """A number on its colour, and in small what stands below it, so far aside to the left."""
     corner = x + 0.03, y + 0.04
     axes.add_patch(Rectangle(corner, 0.94, 0.92, facecolor=colour, edgecolor="none"))
     text = words.significant(value).replace("-", "−")
     place = {"ha": "center", "va": "center", "color": readable(colour)}
     axes.text(x + 0.5, y + (0.33 if below else 0.5), text, fontsize=size, **place)
     if below:
-        axes.text(x + 0.5, y + 0.73, below, fontsize=SMALL, **place)
+        axes.text(x + 0.5 - aside, y + 0.73, below, fontsize=SMALL, **place)

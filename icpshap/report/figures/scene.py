@@ -182,7 +182,7 @@ def _draw_scans(figure, scene):
             points, colour = parts[name]
             axes.scatter(
                 *points[:, :2].T,
-                s=1.2 if name.startswith("removed") else 0.3,
+                s=0.6 if name.startswith("removed") else 0.3,
                 color=colour,
                 linewidths=0,
                 rasterized=True,
@@ -192,12 +192,17 @@ def _draw_scans(figure, scene):
         axes.set_xlim(limits[:, 0] + [-0.5, 0.5])
         axes.set_ylim(limits[:, 1] + [-0.5, 0.5])
         axes.set_xlabel("x of the reference [m]")
-        # Framed: points may lie behind it.
-        look = {"frameon": True, "framealpha": 0.9, "edgecolor": "none"}
-        legend = axes.legend(loc="upper right", handletextpad=0.1, borderpad=0.2, **look)
-        for handle in legend.legend_handles:
-            handle.set_sizes([12])
     panels[0].set_ylabel("y of the reference [m]")
+    # Once for both panels, and below them: within them points would lie behind it.
+    handles = {
+        name: handle
+        for axes in panels
+        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    place = {"loc": "outside lower center", "ncols": 4, "handletextpad": 0.1}
+    legend = figure.legend(handles.values(), handles, **place)
+    for handle in legend.legend_handles:
+        handle.set_sizes([12])
 
 
 def clouds(scene):
@@ -378,11 +383,12 @@ def page(scene, title, text):
         legend={
             "orientation": "h",
             "itemsizing": "constant",
-            "y": 1,
-            "yanchor": "bottom",
+            # At the bottom: above, plotly's buttons would lie on it in a narrow window.
+            "y": 0,
+            "yanchor": "top",
             "font": {"size": 14},
         },
-        margin={"l": 0, "r": 0, "b": 0, "t": 60},
+        margin={"l": 0, "r": 0, "b": 0, "t": 30},
         template="plotly_white",
         autosize=True,
     )
@@ -427,7 +433,7 @@ def _cloud_traces(scene):
     traces = []
     for name, (points, colour) in clouds(scene).items():
         x, y, z = thin(points, PAGE_POINTS).astype(np.float32).T
-        marker = {"size": 2.5 if name.startswith("removed") else 1.2, "color": colour}
+        marker = {"size": 1.7 if name.startswith("removed") else 1.2, "color": colour}
         look = {"mode": "markers", "marker": marker, "hoverinfo": "skip"}
         traces.append(go.Scatter3d(x=x, y=y, z=z, name=escape(name), **look))
     return traces
