@@ -128,17 +128,17 @@ def found(table, directions_table, study):
     """The main finding: the pose error, then f; what limits it comes first."""
     error = pose_error.sentence(directions_table, study)
     broken = fit.misfits(table, study)
-    start = f"{broken} As it is: " * bool(broken) + f"{error}. As for f: " * bool(error)
-    first = [effects.success(table, study), effects.no_basin(table, study)]
+    before = [error, effects.success(table, study), effects.no_basin(table, study)]
+    before = "; ".join(filter(None, before))
+    start = f"{broken} As it is: " * bool(broken) + f"{before}. As for f: " * bool(before)
     if len(study.valued(table)) == 0:
-        parts = "; ".join([*filter(None, first), "no pair has a value"])
-        return " ".join([f"{start}{parts}.", *effects.shares(table, study)])
+        return " ".join([f"{start}no pair has a value.", *effects.shares(table, study)])
     rows = {cause: study.present(table, cause) for cause in study.shown(table)}
     rows = {cause: part for cause, part in rows.items() if len(part)}
     if not rows:
         return f"{start}nothing was perturbed."
-    first.append(effects.shrinking(table, study, with_error=not error))
-    return f"{start}{'; '.join([*filter(None, first), *_contributions(rows, table, study)])}."
+    shrinking = effects.shrinking(table, study, with_error=not error)
+    return f"{start}{'; '.join(filter(None, [shrinking, *_contributions(rows, table, study)]))}."
 
 
 def _contributions(rows, table, study):

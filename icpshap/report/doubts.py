@@ -70,7 +70,7 @@ KINDS = {
     "basins": Kind(
         "Wrong basins: results far from where most others end",
         "See in the scene where they end; a closer start, more points (subsampling_probability) or "
-        "normals from more neighbours have fewer; the estimator robust leaves them out.",
+        "normals from more neighbours have fewer; `wrong_basins` says whether f counts them.",
         ("another basin", "never in a wrong basin"),
     ),
     "failed": Kind(

@@ -165,7 +165,9 @@ def _amount(change, number):
     """How much of a growth is a cause's, in per cent where that may be told."""
     part, row = _part(change, number), change.row
     if row.in_per_cent:
-        return f"{100 * part.share:.0f} % of the growth in {change.where}"
+        # Where another cause lowers the error, by chance or not, one makes more than there is.
+        share = "more than all" if part.share > 1.005 else f"{100 * part.share:.0f} %"
+        return f"{share} of the growth in {change.where}"
     squared = "squared error" if row.name in ERRORS else "variance"
     value, growth = words.significant(part.value), words.significant(change.growth)
     return f"{value} of the {growth} {row.unit}² that the {squared} grows by in {change.where}"
