@@ -7,6 +7,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from icpshap.explanation.games import load_explanation
+    from icpshap.one_pair.covariance import PoseCovariance
     from icpshap.one_pair.explanation import Explanation
     from icpshap.one_pair.given import read_scan
     from icpshap.one_pair.recipe import explain, fit_table
@@ -19,6 +20,7 @@ _HOMES = {
     "RELEASED_CODE": "icpshap.presets",
     "ROBUST": "icpshap.presets",
     "Explanation": "icpshap.one_pair.explanation",
+    "PoseCovariance": "icpshap.one_pair.covariance",
     "explain": "icpshap.one_pair.recipe",
     "fit_table": "icpshap.one_pair.recipe",
     "load_explanation": "icpshap.explanation.games",
@@ -30,6 +32,7 @@ __all__ = [
     "RELEASED_CODE",
     "ROBUST",
     "Explanation",
+    "PoseCovariance",
     "explain",
     "fit_table",
     "load_explanation",

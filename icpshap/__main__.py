@@ -1,8 +1,6 @@
 """python -m icpshap: the command."""
 
-import sys
-
-from icpshap.cli import main
+from icpshap.cli import run
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run()

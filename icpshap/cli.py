@@ -36,13 +36,15 @@ examples:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit status."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
-    given = _parser().parse_args(_joined(arguments))
     # A terminal or a file may not know every letter.
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
     try:
+        given = _parser().parse_args(_joined(arguments))
         given.run(given)
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except UserError as error:
         print(f"icpshap: {error}", file=sys.stderr)
         return DATA_ERROR
@@ -50,9 +52,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("\nicpshap: stopped", file=sys.stderr)
         return STOPPED
     except BrokenPipeError:
-        # Who read it has seen enough; nothing more may be written at the end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _say_no_more()  # who read it has seen enough
+    except OSError as error:  # those of files are UserErrors
+        print(f"icpshap: the output cannot be written: {error.strerror}", file=sys.stderr)
+        _say_no_more()
+        return DATA_ERROR
     return 0
+
+
+def run() -> None:
+    """The command as a process of its own: ends it with the exit status."""
+    status = main()
+    if status == STOPPED:
+        # Python would wait for the threads, which are in the middle of what nobody wants.
+        os._exit(status)
+    sys.exit(status)
+
+
+def _say_no_more():
+    """Let nothing be written at the end of the process that could not be written before."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 # --- explain --------------------------------------------------------------------------------------
@@ -63,8 +82,7 @@ def _explain(given: argparse.Namespace) -> None:
     from icpshap.one_pair.recipe import explain
 
     _compiling(given)
-    for path in filter(None, (given.html, given.covariance, given.save)):
-        _require_folder(path)
+    _require_places(given)
     reference, source = _scans(given)
     explanation = explain(
         reference,
@@ -77,7 +95,7 @@ def _explain(given: argparse.Namespace) -> None:
         what_if=_what_if(given.what_if),
         seed=given.seed,
         threads=given.threads,
-        progress=not given.quiet and sys.stderr.isatty(),
+        progress=not given.quiet and _is_terminal(sys.stderr),
     )
     if given.html:
         with writable(given.html):
@@ -91,11 +109,12 @@ def _explain(given: argparse.Namespace) -> None:
     if given.save:
         explanation.save(given.save)
     if given.json:
+        if hasattr(sys.stdout, "reconfigure"):
+            sys.stdout.reconfigure(encoding="utf-8")  # that of JSON, whatever the terminal's
         print(explanation.to_json(), end="")
     elif not given.quiet:
         width = min(shutil.get_terminal_size((100, 40)).columns, 100)
-        colours = sys.stdout.isatty() and "NO_COLOR" not in os.environ
-        print(explanation.to_text(width, colours))
+        print(explanation.to_text(width, _colours()))
 
 
 def _fit(given: argparse.Namespace) -> None:
@@ -157,25 +176,33 @@ def _causes(given):
 
     typed = {name: getattr(given, name) for name in CAUSES if getattr(given, name) is not None}
     levels = {**CAUSES_GIVEN, **typed}
-    kept = {name: level for name, level in levels.items() if level != CAUSES[name].off}
-    if not kept:
-        raise UserError("All causes are off.\nHint: give one of them a level.")
-    return kept
+    # What is off is no cause; where all are, the check of the causes says so.
+    return {name: level for name, level in levels.items() if level != CAUSES[name].off} or levels
 
 
 def _estimator(given):
-    options = {}
-    for text in given.option:
-        options |= dict([_option(text, "--option")])
+    options = _options(given.option, "--option")
     return {"based_on": given.estimator, **options} if options else given.estimator
 
 
-def _option(text, where):
-    """Key and value of KEY=VALUE."""
-    key, sign, value = text.partition("=")
-    if not sign:
-        raise UserError(f"{where} {text}: expected KEY=VALUE.\nHint: such as normal_neighbours=30.")
-    return key.strip(), value.strip()
+def _options(texts, where):
+    """Values by key of texts KEY=VALUE."""
+    options = {}
+    for text in texts:
+        key, sign, value = map(str.strip, text.partition("="))
+        if not sign:
+            raise UserError(
+                f"{where} {text}: expected KEY=VALUE.\nHint: such as normal_neighbours=30."
+            )
+        _once(options, key, where)
+        options[key] = value
+    return options
+
+
+def _once(known, key, where):
+    """Raise UserError for a key that is there already: one of two values would be lost."""
+    if key in known:
+        raise UserError(f"{where} {key}: given twice.\nHint: leave one of them out.")
 
 
 def _register(name):
@@ -194,19 +221,48 @@ def _what_if(texts):
         name, sign, listed = text.partition(":")
         if not sign:
             listed = name
-            name = "".join(letter if letter.isalnum() else "_" for letter in listed.lower())
-        changes[name] = dict(_option(part, "--what-if") for part in listed.split(","))
+            name = listed
+        _once(changes, name, "--what-if")
+        changes[name] = _options(listed.split(","), "--what-if")
     return changes
 
 
-def _require_folder(path):
+def _require_places(given):
     """Raise UserError where a file could not be written, before anything is computed."""
-    folder = Path(path).absolute().parent
-    if not folder.is_dir() or not os.access(folder, os.W_OK):
-        raise UserError(
-            f"{path}: cannot be written, {folder} is no folder that you may write to.\n"
-            "Hint: make the folder, or give another place."
-        )
+    taken = [Path(path).resolve() for path in (given.reference, given.source)]
+    for option in ("html", "covariance", "save"):
+        if (path := getattr(given, option)) is None:
+            continue
+        place = Path(path).absolute()
+        if not path or place.is_dir() or not _is_writable(place):
+            raise UserError(
+                f"--{option} {path}: cannot be written, expected a file in a folder that is there "
+                "and that you may write to.\nHint: make the folder, or give another place."
+            )
+        if place.resolve() in taken:
+            raise UserError(
+                f"--{option} {path}: would overwrite another file of this command.\n"
+                "Hint: give another place."
+            )
+        taken.append(place.resolve())
+    if given.html:
+        from icpshap.one_pair.pictures import modules_of_the_page
+
+        modules_of_the_page()
+
+
+def _is_writable(place):
+    """Whether a file can be written, or made where there is none."""
+    return place.parent.is_dir() and os.access(place if place.exists() else place.parent, os.W_OK)
+
+
+def _is_terminal(stream):
+    return stream is not None and stream.isatty()
+
+
+def _colours():
+    known = "NO_COLOR" not in os.environ and os.environ.get("TERM") != "dumb"
+    return known and _is_terminal(sys.stdout)
 
 
 def _compiling(given):
@@ -235,6 +291,8 @@ def _joined(arguments):
 
 
 def _parser() -> argparse.ArgumentParser:
+    from icpshap.one_pair.given import SEED
+
     parser = argparse.ArgumentParser(
         prog="icpshap",
         description="Why is the registration of two scans uncertain?",
@@ -258,7 +316,7 @@ def _parser() -> argparse.ArgumentParser:
         help="explain again with other options or levels, and say which helps; alone: more "
         "neighbours, a tighter stop, twice the points, a closer start",
     )
-    explain.add_argument("--seed", type=int, default=42, help="of all random numbers (42)")
+    explain.add_argument("--seed", type=int, default=SEED, help=f"of all random numbers ({SEED})")
     explain.add_argument(
         "--threads", type=_positive, metavar="N", help="changes no number (all cores)"
     )

@@ -9,6 +9,8 @@ import numpy as np
 from icpshap.data.formats import stem_of
 from icpshap.errors import DataError
 
+log = logging.getLogger(__name__)
+
 TOLERANCE = 1e-3  # s between a scan and its pose
 UNITS = (1, 1e-3, 1e-6, 1e-9)  # s, of whole numbers that are times
 
@@ -34,7 +36,7 @@ def lines_of_scans(path, poses, stamps, names):
             f" expected the times of their poses, or numbers from 0 to {poses - 1}.",
             "leave just the poses of the scans in the file, a line for each scan in their order.",
         )
-    logging.info("%s: %d of %d poses, by the names of the scans", path, len(names), poses)
+    log.info("%s: %d of %d poses, by the names of the scans", path, len(names), poses)
     return found[0]
 
 

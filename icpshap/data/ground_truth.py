@@ -9,6 +9,7 @@ from icpshap import se3
 
 OVERLAP_DISTANCE = 0.2  # m; the paper's distance between overlapping points
 SANITY_POINTS = 5000  # of the source at most, every k-th
+ROUND_OFF = 1e-6  # m; of nearer clouds none is the better one
 ROBOT = 1.0  # m; what is nearer moves along with the scanner, where no chain says otherwise
 
 
@@ -43,7 +44,7 @@ def measured(reference, source, T_reference_source, minimum_range):
         "with the inverse motion": se3.inverse(T_reference_source),
     }
     for description, T in others.items():
-        if (other := median_distance(T)) < 0.9 * distance:
+        if distance > ROUND_OFF and (other := median_distance(T)) < 0.9 * distance:
             return Fit(distance, description, other)
     return Fit(distance, "", np.nan)
 

@@ -11,6 +11,8 @@ from icpshap.data.scans import check_scan
 from icpshap.errors import DataError, PerturbationError
 from icpshap.geometry import nearest_distances, root_mean_square_distance
 
+log = logging.getLogger(__name__)
+
 
 @dataclass(frozen=True, eq=False)
 class Pair:
@@ -119,7 +121,7 @@ def describe_pair(pair, sequence, indices, *, levels, minimum_overlap, minimum_r
     distance, warning = ground_truth_distance(
         pair.reference, pair.source, pair.T_reference_source, minimum_range
     )
-    logging.info("overlap %.4f, median distance at the true pose %.4f m", pair.overlap, distance)
+    log.info("overlap %.4f, median distance at the true pose %.4f m", pair.overlap, distance)
     warning = "; ".join(filter(None, (warning, truth)))
     if pair.overlap > 1:
         more = (
@@ -128,7 +130,7 @@ def describe_pair(pair, sequence, indices, *, levels, minimum_overlap, minimum_r
         )
         warning = "; ".join(filter(None, (warning, more)))
     for remark in filter(None, (reason, warning)):
-        logging.warning(remark)
+        log.warning(remark)
     return {
         "sequence": sequence,
         "reference": reference,

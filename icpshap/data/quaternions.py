@@ -10,6 +10,8 @@ from icpshap.data.ground_truth import ROBOT, ground_truth_distance
 from icpshap.data.layout import ORDERS, SCALAR_FIRST, SCALAR_LAST
 from icpshap.errors import DataError
 
+log = logging.getLogger(__name__)
+
 NAMES = {SCALAR_LAST: ["qx", "qy", "qz", "qw"], SCALAR_FIRST: ["qw", "qx", "qy", "qz"]}
 TUM_COLUMNS = f"timestamp tx ty tz {' '.join(NAMES[SCALAR_LAST])}"
 UPRIGHT = np.deg2rad(30)  # tilt of a scanner that stands on a vehicle or is carried
@@ -86,7 +88,7 @@ def _order_by_scans(path, both, scan):
                 reference, source, se3.inverse(poses[index]) @ poses[index + 1], ROBOT
             )[1]
         ]
-        logging.info("scans %d and %d: ground truth passes as %s", index, index + 1, passing)
+        log.info("scans %d and %d: ground truth passes as %s", index, index + 1, passing)
         both_pass |= len(passing) == len(both)
         if len(passing) == 1:
             told |= set(passing)

@@ -15,6 +15,8 @@ from icpshap.data.scans import MINIMUM_POINTS
 from icpshap.errors import DataError
 from icpshap.geometry import nearest_distances
 
+log = logging.getLogger(__name__)
+
 TRUTH = (
     "the true pose is what ICP itself answered (`poses: register`): errors are relative to that"
     " answer, and a bias that ICP has on these scans is hidden"
@@ -44,11 +46,12 @@ class Registered:
     overlap: float  # share of the source's points that lie near the reference
 
 
-def register_scans(reference, source, T_initial, where):
+def register_scans(reference, source, T_initial, where, start_option="`guess` of the folder"):
     """`Registered` of two raw scans (n, 3), (m, 3) [m], each in its scanner's frame.
 
-    T_initial: (4, 4), T_reference_source at the start; where: what errors call the pair. Raises
-    DataError if ICP does not settle, or the scans hardly overlap at its answer.
+    T_initial: (4, 4), T_reference_source at the start; where: what errors call the pair;
+    start_option: what they say sets the start. Raises DataError if ICP does not settle, or the
+    scans hardly overlap at its answer.
     """
     voxel = _voxel(reference)
     reference, source = (_thinned(_beyond_robot(points), voxel) for points in (reference, source))
@@ -69,21 +72,23 @@ def register_scans(reference, source, T_initial, where):
         result = icp.register(target, source, rows, T, chain)
         T = result.T_reference_source
         iterations += result.iterations
-        logging.info("%s: links up to %s voxels: %s", where, distance or "any", result.status)
+        log.info("%s: links up to %s voxels: %s", where, distance or "any", result.status)
     settled = np.flatnonzero(result.status == "ok")
     if not len(settled):
-        raise _no_answer(where, f"ICP ended with {result.status[0]} from every start")
+        ended = f"ICP ended with {result.status[0]} from every start"
+        raise _no_answer(where, ended, start_option)
     nearness = [_nearness(reference, source, T[run], voxel) for run in settled]
     best = settled[int(np.argmax(nearness))]
-    logging.info("%s: near to each other %s, the best is %d", where, np.round(nearness, 3), best)
+    log.info("%s: near to each other %s, the best is %d", where, np.round(nearness, 3), best)
     near = nearest_distances(reference, source, T[best]) <= max(OVERLAP_DISTANCE, 2 * voxel)
     found = Registered(T[best], int(iterations[best]), float(result.rmse[best]), float(near.mean()))
-    logging.info("%s: overlap %.3f, rmse %.4f m", where, found.overlap, found.rmse)
+    log.info("%s: overlap %.3f, rmse %.4f m", where, found.overlap, found.rmse)
     if found.overlap < MINIMUM_OVERLAP:
         raise _no_answer(
             where,
             f"at ICP's answer {100 * found.overlap:.0f} % of the source points lie near the"
             f" reference, expected {100 * MINIMUM_OVERLAP:.0f} % or more",
+            start_option,
         )
     return found
 
@@ -95,11 +100,11 @@ def _nearness(reference, source, T_reference_source, distance):
     return (there.mean() + back.mean()) / 2
 
 
-def _no_answer(where, problem):
+def _no_answer(where, problem, start_option):
     return DataError(
         f"{where}: did not register: {problem}.",
-        "let ICP start nearer to the answer (`guess` of the folder), leave out scans that do not"
-        " overlap, or give poses.",
+        f"check that the scans are in metres and overlap; let ICP start nearer to the answer"
+        f" ({start_option}), or give the true pose.",
     )
 
 

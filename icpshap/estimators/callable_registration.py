@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -16,6 +17,8 @@ from icpshap.errors import UserError
 from icpshap.estimators._own_noise import OwnNoise, Runs
 from icpshap.estimators.kind import SAMPLES, Samples
 from icpshap.options import REQUIRED, option
+
+log = logging.getLogger(__name__)
 
 RIGID = 1e-4  # by which an entry of R R^T, or the last row, may differ from what it should be
 LONGEST = 200  # characters of a status
@@ -80,9 +83,12 @@ class CallableRegistration(OwnNoise, Runs):
     @property
     def _called(self):
         """What messages call the function."""
-        if isinstance(self.register, str):
-            return self.register
-        return getattr(self.register, "__qualname__", repr(self.register))
+        return called_name(self.register)
+
+    @cached_property
+    def _told(self):
+        """The failures that have been logged: each once, in however many settings it happens."""
+        return set()
 
     def estimate(self, group):
         from icpshap import icp
@@ -102,8 +108,9 @@ class CallableRegistration(OwnNoise, Runs):
             ends = []
             for rows, T_initial in zip(start.rows, start.T_initial, strict=True):
                 end = called(register, group.reference, start.source[rows], T_initial)
-                if end.status != "ok" and end.status not in counts:
-                    logging.warning("%s %s", self._called, end.status, exc_info=end.error)
+                if end.status != "ok" and end.status not in self._told:
+                    self._told.add(end.status)
+                    log.warning("%s %s", self._called, end.status, exc_info=end.error)
                 counts[end.status] += 1
                 # An error holds all that its call had, copies of the clouds among it.
                 ends.append(end._replace(error=None))
@@ -121,7 +128,7 @@ class CallableRegistration(OwnNoise, Runs):
             )
         number = counts.total()
         if failed := number - counts["ok"]:
-            logging.warning("%s: %d of %d runs failed", self._called, failed, number)
+            log.info("%s: %d of %d runs failed", self._called, failed, number)
 
 
 class End(NamedTuple):
@@ -133,15 +140,33 @@ class End(NamedTuple):
 
 
 def called(register, reference, source, T_initial):
-    """`End` of one call; one that fails keeps its initial pose, and its status says why."""
+    """`End` of one call; one that fails keeps its initial pose, and its status says why.
+
+    Raises UserError for a module that is not installed, which no other call would find.
+    """
     copies = [np.array(each, dtype=float, order="C") for each in (reference, source, T_initial)]
     try:
         returned = register(*copies)
+    except ModuleNotFoundError as error:
+        missing = (error.name or "").partition(".")[0]
+        raise UserError(
+            f"{called_name(register)}: {missing or error} is not installed.\n"
+            f"Hint: pip install {missing or 'what it imports'}"
+        ) from error
     except (Exception, SystemExit) as error:
         return End(T_initial, f"raised {_said(error)}", error)
     if failure := no_pose(returned):
         return End(T_initial, failure)
     return End(np.array(returned, dtype=float), "ok")
+
+
+def called_name(register):
+    """What messages and tables call a function; the same in every process."""
+    if isinstance(register, partial):
+        return called_name(register.func)
+    if isinstance(register, str):
+        return register
+    return getattr(register, "__name__", type(register).__name__)
 
 
 def no_pose(returned):
@@ -191,7 +216,7 @@ def found(register):
             f"{register} is a {type(function).__name__}, expected a function.\n"
             "Hint: define it as `def register(reference, source, T_initial):`"
         )
-    _check_arguments(register, function)
+    check_arguments(register, function)
     return function
 
 
@@ -202,8 +227,8 @@ def _not_imported(module_name, error):
     )
 
 
-def _check_arguments(register, function):
-    """Raise UserError if a function is known not to take three arguments."""
+def check_arguments(register, function):
+    """Raise UserError if a function is known not to take three arguments; register: its name."""
     try:
         signature = inspect.signature(function)
     except ValueError:  # compiled functions do not always say

@@ -111,7 +111,8 @@ def of_units(share, by_unit, number):
     share (...) of `number` runs; by_unit (..., u): that of each unit, NaN for one without runs.
     """
     units = np.isfinite(by_unit).sum(axis=-1)
-    middle = np.nanmean(by_unit, axis=-1, keepdims=True)
+    # As the mean of what is there; of a share without any unit nothing is known, nor warned of.
+    middle = np.nansum(by_unit, axis=-1, keepdims=True) / np.maximum(units, 1)[..., None]
     with np.errstate(invalid="ignore"):  # one unit alone does not tell how units vary
         variance = np.nansum(np.square(by_unit - middle), axis=-1) / (units - 1) / units
     binomial = share * (1 - share)

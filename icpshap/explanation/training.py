@@ -11,6 +11,8 @@ from icpshap.explanation.sample import samples
 from icpshap.explanation.uncertainty import kept_runs
 from icpshap.tables import DESCRIPTOR, covariance_columns
 
+log = logging.getLogger(__name__)
+
 
 def examples(pair, settings, estimator, streams, runs, estimates, method, scan_pair):
     """The rows of a descriptors table that one pair gives: one for each setting that was run.
@@ -34,7 +36,7 @@ def examples(pair, settings, estimator, streams, runs, estimates, method, scan_p
             about = {**scan_pair.columns, **setting.values, "replicate": setting.replicate}
             rows.append({**about, **values, **covariance_columns(found)})
     indices = (scan_pair.reference, scan_pair.source)
-    logging.info("%d-%d: examples of %d of %d settings", *indices, len(rows), len(settings))
+    log.info("%d-%d: examples of %d of %d settings", *indices, len(rows), len(settings))
     return pd.DataFrame(rows)
 
 

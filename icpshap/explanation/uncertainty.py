@@ -178,8 +178,10 @@ def evaluate(sample, rows, clean, weights, method):
             result[part] = method.reading.evaluate(reference, perturbed, unbiased)
         except np.linalg.LinAlgError as error:
             raise UserError(
-                "The covariance of a setting is singular: its runs do not differ in some direction."
-                "\nHint: set covariance_floor_rotation and covariance_floor_translation above 0."
+                "The covariance of a setting is singular: its runs do not differ in some direction,"
+                " as of a registration that always answers the same."
+                "\nHint: see what it answers from two initial poses; or set "
+                "covariance_floor_rotation and covariance_floor_translation above 0."
             ) from error
     if method.reading.compares_with_clean:
         result[rows == clean] = 0.0  # no estimate: it has neither bias nor round-off

@@ -22,6 +22,7 @@ RING_SHARE = (
 FEWEST_POINTS = 300, 1000  # of a run
 MOST_POINTS = 20_000
 DUPLICATES = 0.01
+NO_RADIUS = 1e-9  # m, of neighbours that are duplicates of one point
 REMOVED = 0.5
 TYPICAL_RANGE = 0.3, 300.0  # m; of points in another unit than metres the median lies outside
 LITTLE_OVERLAP = 0.4
@@ -87,7 +88,7 @@ def narrow_normals(row):
     if radius >= noise:
         return judged
     # Of points on a surface the square of the radius grows with their number.
-    wanted = int(np.ceil(row.neighbours * (noise / radius) ** 2 / 5) * 5)
+    wanted = int(np.ceil(row.neighbours * (noise / max(radius, NO_RADIUS)) ** 2 / 5) * 5)
     if wanted <= 50:
         remedy = f"normal_neighbours: {wanted}"
     else:

@@ -4,6 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from icpshap.errors import UserError
+
 ROTATION_FIRST, TRANSLATION_FIRST = "rotation first", "translation first"
 SOURCE_FRAME = "of xi in T_reference_source exp(xi), in the frame of the source"
 REFERENCE_AXES = (
@@ -49,14 +51,18 @@ class PoseCovariance:
 
         gtsam: rotation first, in the source's frame: the tangent vector of gtsam.Pose3, as here.
         ros: translation first, along and about the fixed axes of the reference:
-        geometry_msgs/PoseWithCovariance of the source's pose in the reference.
+        geometry_msgs/PoseWithCovariance of the source's pose in the reference. Raises UserError.
         """
         if convention not in CONVENTIONS:
-            raise ValueError(
-                f"convention {convention!r}, expected one of {', '.join(CONVENTIONS)}."
+            raise UserError(
+                f"convention {convention!r}, expected one of {', '.join(CONVENTIONS)}.\n"
+                "Hint: to('ros') for a PoseWithCovariance, to('gtsam') for a Pose3."
             )
         if self.order != ROTATION_FIRST:
-            raise ValueError("This covariance is in the convention of ros already.")
+            raise UserError(
+                "This covariance is in the convention of ros already.\n"
+                "Hint: ask the covariance that the explanation has."
+            )
         if convention != "ros":
             return self
         turn = np.kron(np.eye(2), self.to_reference)
@@ -70,7 +76,10 @@ class PoseCovariance:
         )
 
     def of_all_points(self) -> "PoseCovariance":
-        """It times the share of the points that a run used: a scaling, no measurement."""
+        """It times the share of the points that a run used: a scaling, no measurement.
+
+        What no point takes away does not fall so; see `Explanation.covariance_all_points`.
+        """
         return replace(self, matrix=self.matrix * self.share_of_points, scaled=True)
 
     def __repr__(self) -> str:
@@ -81,7 +90,10 @@ class PoseCovariance:
         """Order, units, frame and share of the points, in one line."""
         points = f"of runs that used {self.share_of_points:.3g} of the points"
         if self.scaled:
-            points = f"scaled by {self.share_of_points:.3g}, the share of the points that runs used"
+            points = (
+                f"scaled by {self.share_of_points:.3g}, the share of the points that runs used, "
+                "too small for what all points share"
+            )
         return f"Covariance [{self.unit}], {self.order}, {self.frame}; {points}"
 
     def to_dict(self) -> dict:

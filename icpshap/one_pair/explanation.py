@@ -2,6 +2,7 @@
 
 import json
 import zipfile
+import zlib
 from dataclasses import asdict, dataclass
 from io import BytesIO
 from pathlib import Path
@@ -24,6 +25,25 @@ from icpshap.tables import TRANSFORM
 
 ABOUT = "about.json"
 COVARIANCES = "covariances.npy"
+NEEDED = (
+    "pairs",
+    "fit",
+    "uncertainty",
+    "shap",
+    "directions",
+)  # tables without which it says nothing
+# What reading a file that is something else may raise.
+UNREADABLE = (
+    OSError,
+    EOFError,
+    zipfile.BadZipFile,
+    zlib.error,
+    AttributeError,
+    KeyError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file in a saved one: the same bytes at any time
 
 
@@ -62,7 +82,8 @@ class Explanation:
     tables: by name, as the workflow has them (docs/tables.md); covariances (2, 6, 6): of xi in
     T exp(xi), clean and with all causes on; study: how they came about; options: of the estimator;
     levels: of each cause; truth: what is to be said of the true pose, "" where it was given;
-    share_of_points: of the source that a run used; scans: None of one that was loaded.
+    shares_of_points (2,): of the source, what a run used, clean and with all causes on; scans: None
+    of one that was loaded.
     """
 
     tables: dict[str, pd.DataFrame]
@@ -72,7 +93,7 @@ class Explanation:
     levels: dict[str, float]
     seed: int
     truth: str
-    share_of_points: float
+    shares_of_points: tuple[float, float]
     scans: Scans | None = None
 
     # --- in words ---------------------------------------------------------------------------------
@@ -123,12 +144,19 @@ class Explanation:
 
     @property
     def covariance_all_points(self) -> PoseCovariance:
-        """`covariance` times the share of the points that a run used: a scaling."""
+        """`covariance` times the share of the points that a run used: a scaling, no measurement.
+
+        It holds for errors that points have one by one, as sensor noise or a particle filter's
+        likelihood, in an estimator that is told them. It is too small for what no point takes away:
+        the initial pose, noise of the reference, biases; and for masks drawn from one cloud, whose
+        spread is (1 - share) of that of as many new points. At a share of one half `covariance`
+        itself is the better guess.
+        """
         return self.covariance.of_all_points()
 
     def _covariance(self, which):
         T = self.T_reference_source
-        return PoseCovariance(self.covariances[which], self.share_of_points, T[:3, :3])
+        return PoseCovariance(self.covariances[which], self.shares_of_points[which], T[:3, :3])
 
     @property
     def f(self) -> float:
@@ -308,7 +336,7 @@ class Explanation:
             "levels": self.levels,
             "seed": self.seed,
             "truth": self.truth,
-            "share_of_points": self.share_of_points,
+            "shares_of_points": self.shares_of_points,
         }
         parts = {ABOUT: json.dumps(about).encode()}
         for name, table in self.tables.items():
@@ -324,8 +352,9 @@ class Explanation:
     def load(cls, path: str | Path) -> "Explanation":
         """What `save` wrote; without the scans, so that there is no scene.
 
-        Raises UserError if the file is none, or damaged.
+        Raises UserError if the file is none, damaged, or of another version that had other parts.
         """
+        version = __version__
         try:
             with zipfile.ZipFile(path) as file:
                 parts = {name: file.read(name) for name in file.namelist()}
@@ -335,17 +364,20 @@ class Explanation:
                 name.removesuffix(".parquet"): pd.read_parquet(BytesIO(content))
                 for name, content in parts.items()
             }
-            about.pop("version")
-            study = Study(**{**about.pop("study")})
-            study = Study(**{**asdict(study), "causes": tuple(study.causes)})
+            version = about.pop("version")
+            study = about.pop("study")
+            study = Study(**{**study, "causes": tuple(study["causes"])})
+            if missing := [name for name in NEEDED if name not in tables]:
+                raise ValueError(f"without {', '.join(missing)}")
+            return cls(tables, covariances, study, **about)
         except FileNotFoundError:
             raise UserError(f"{path}: no such file.\nHint: Explanation.save writes one.") from None
-        except (OSError, zipfile.BadZipFile, KeyError, TypeError, ValueError) as error:
+        except UNREADABLE as error:
+            other = f", or written by icpshap {version}" if version != __version__ else ""
             raise UserError(
-                f"{path}: not an explanation, or damaged ({error}).\n"
-                "Hint: explain the pair again, and save it."
+                f"{path}: not an explanation, or damaged{other} ({error}).\n"
+                f"Hint: explain the pair again with icpshap {__version__}, and save it."
             ) from None
-        return cls(tables, covariances, study, **about)
 
 
 class writable:

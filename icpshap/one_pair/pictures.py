@@ -19,7 +19,9 @@ def draw(explanation, name):
     Raises UserError for another name, and for the scene of an explanation without scans.
     """
     if name not in FIGURES:
-        raise UserError(f"figure {name!r}, expected one of {', '.join(FIGURES)}.")
+        raise UserError(
+            f"figure {name!r}, expected one of {', '.join(FIGURES)}.\nHint: plot('waterfall')."
+        )
     with extra("plots", "matplotlib", "shap"):
         from icpshap.report import figures
     if name == SCENE:
@@ -49,13 +51,19 @@ def _scene(explanation):
     return scene.picture(shown), scene.caption(shown, explanation.study, row)
 
 
-def page(explanation):
-    """The report of one pair as HTML, with its pictures inside."""
+def modules_of_the_page():
+    """pyplot, report.page and style.save. Raises UserError without the extra."""
     with extra("plots", "matplotlib", "shap", "jinja2", "markupsafe"):
         from matplotlib import pyplot
 
-        from icpshap.report import page as report
+        from icpshap.report import page
         from icpshap.report.figures.style import save
+    return pyplot, page, save
+
+
+def page(explanation):
+    """The report of one pair as HTML, with its pictures inside."""
+    pyplot, report, save = modules_of_the_page()
     names = [name for name in FIGURES if name != SCENE or explanation.scans is not None]
     with TemporaryDirectory() as folder:
         paths = [Path(folder) / f"{name}.svg" for name in names]

@@ -12,7 +12,9 @@ from icpshap import estimators, plan
 from icpshap.causes import CAUSES
 from icpshap.causes.cause import SCANS
 from icpshap.data.pair import Pair, describe_pair
-from icpshap.errors import DataError
+from icpshap.data.scans import check_scan
+from icpshap.errors import DataError, UserError
+from icpshap.estimators.callable_registration import called, called_name
 from icpshap.estimators.perturb import Draws, Streams, require_points
 from icpshap.explanation import games
 from icpshap.explanation.sample import samples
@@ -22,12 +24,12 @@ from icpshap.explanation.uncertainty import covariances
 from icpshap.fit import checks
 from icpshap.fit.measure import measure
 from icpshap.one_pair.explanation import Explanation, Scans
-from icpshap.one_pair.given import given, scan, times, transform
-from icpshap.one_pair.threads import cores, in_threads
+from icpshap.one_pair.given import SEED, given, named_pair, scan, times, transform, whole
+from icpshap.one_pair.threads import cores, in_threads, one_by_one
 from icpshap.report import what_if as what_if_tables
 from icpshap.report.study import Study
 
-SEED = 42  # that of config.yaml
+PROBES = 3  # calls of a function, all of which must fail before it is refused
 OWN_TRUTH = (
     "the true pose is what the registration itself answered: errors are relative to that answer, "
     "and a bias that it has on these scans is hidden"
@@ -66,8 +68,11 @@ def explain(
         estimator: a preset ("lidar", "paper", "robust", "released_code"), a kind of estimator, a
             mapping of options (`based_on` one of these; "lidar" unless said), or a `Preset`.
         register: your own registration, a function (reference, source, T_initial) -> (4, 4), or
-            its name as "module:function"; it is run as often as ICP would be, one at a time.
-        T_initial: where the registration that answers for the truth starts; None: the identity.
+            its name as "module:function"; it is run as often as ICP would be, one at a time, and
+            once before on the scans as they are. Options of the estimator that it does not take
+            are left out of a preset, and an error where they are named.
+        T_initial: without T, where the registration that answers for it starts, in the same forms;
+            None: the identity.
         what_if: changes by name, each a mapping of options or levels, with which the pair is
             explained again; True: more neighbours, a tighter stop, more points, a closer start.
         perturbation: what the causes refer to, where it is not the paper's: initial_pose_rotation
@@ -84,22 +89,22 @@ def explain(
     """
     reference, source = scan(reference, "reference"), scan(source, "source")
     source_times = times(source_times, len(source))
-    asked = given(causes, estimator, register, what_if, perturbation)
-    streams = Streams(seed, name, *indices)
+    asked = given(causes, estimator, register, what_if, perturbation, seed)
+    streams = Streams(asked.seed, *named_pair(name, indices))
+    threads = cores() if threads is None else whole(threads, "threads", 1)
+    parts: list[Any] = [(what_if_tables.AS_IT_IS, {}, asked.levels, asked.preset)]
+    parts += [(change, *changed) for change, changed in asked.what_if.items()]
+    said = _Progress(progress, len(parts))
     with threadpool_limits(1):  # the order of sums must not depend on the cores
-        T, truth = _truth(reference, source, T, T_initial, asked.preset)
-        pair = Pair.measured(
-            reference, source, T, asked.perturbation.overlap_distance, source_times
-        )
-        parts: list[Any] = [(what_if_tables.AS_IT_IS, {}, asked.levels, asked.preset)]
-        parts += [(name, *changed) for name, changed in asked.what_if.items()]
-        said = _Progress(progress, len(parts))
+        pair, truth = _pair(reference, source, T, T_initial, asked, source_times)
         made = []
-        for part, _, levels, preset in parts:
-            said.begin(part)
-            run = _Run(pair, preset, levels, asked.perturbation, streams, truth, said)
-            made.append(run.made(threads or cores()))
-        said.end()
+        try:
+            for part, _, levels, preset in parts:
+                said.begin(part)
+                run = _Run(pair, preset, levels, asked.perturbation, streams, truth, said)
+                made.append(run.made(threads))
+        finally:
+            said.end()
     tables = made[0].tables
     if asked.what_if:
         rows = [
@@ -122,9 +127,9 @@ def explain(
         study,
         options,
         asked.levels,
-        seed,
+        asked.seed,
         truth,
-        _share_of_points(asked.preset, asked.levels),
+        _shares_of_points(asked.preset, asked.levels),
         made[0].scans,
     )
 
@@ -146,41 +151,67 @@ def fit_table(
     remark, fits), sentence, remedy; the gravest first.
     """
     reference, source = scan(reference, "reference"), scan(source, "source")
-    asked = given(causes, estimator, None, None, perturbation)
+    asked = given(causes, estimator, None, None, perturbation, seed)
     with threadpool_limits(1):
-        T, truth = _truth(reference, source, T, T_initial, asked.preset)
-        pair = Pair.measured(reference, source, T, asked.perturbation.overlap_distance)
-        streams = Streams(seed, "pair", 0, 1)
+        pair, truth = _pair(reference, source, T, T_initial, asked)
+        streams = Streams(asked.seed, "pair", 0, 1)
         run = _Run(pair, asked.preset, asked.levels, asked.perturbation, streams, truth, None)
         return checks.graver_first(checks.table(run.fit_numbers())).reset_index(drop=True)
 
 
+def _pair(reference, source, T, T_initial, asked, source_times=None):
+    """The measured pair, and what is to be said of how its true pose was found."""
+    for points, what in ((reference, "reference"), (source, "source")):
+        check_scan(points, asked.preset.estimator.perturbing.minimum_range, what)
+    T, truth = _truth(reference, source, T, T_initial, asked.preset)
+    distance = asked.perturbation.overlap_distance
+    return Pair.measured(reference, source, T, distance, source_times), truth
+
+
 def _truth(reference, source, T, T_initial, preset):
     """The true pose, and what is to be said of how it was found ("" of a given one)."""
-    if T is not None:
-        return transform(T), ""
-    T_initial = np.eye(4) if T_initial is None else transform(T_initial, "T_initial")
-    register = getattr(preset.estimator.kind, "register", None)
-    if register is None:
+    if T is not None and T_initial is not None:
+        raise UserError(
+            "T_initial: given with T, expected one of them: it is where the registration starts "
+            "that answers for T.\nHint: leave out T_initial."
+        )
+    argument = "T_initial" if T is None else "T"
+    start = transform(T, "T") if T is not None else np.eye(4)
+    start = start if T_initial is None else transform(T_initial, "T_initial")
+    kind = preset.estimator.kind
+    if kind.foreign:
+        answer = _registered(kind.function(), reference, source, start, argument)
+    elif T is None:
         from icpshap.data import registering  # the engine is loaded where it runs
 
-        answer = registering.register_scans(reference, source, T_initial, "the two scans")
-        return answer.T_reference_source, OWN_TRUTH
-    from icpshap.estimators.callable_registration import called
-
-    end = called(preset.estimator.kind.function(), reference, source, T_initial)
-    if end.status != "ok":
-        raise DataError(
-            f"register: called with the two scans and T_initial, it {end.status}.",
-            "give T, or a T_initial that is nearer to the answer.",
-        ) from end.error
-    return end.T_reference_source, OWN_TRUTH
+        found = registering.register_scans(reference, source, start, "the two scans", argument)
+        answer = found.T_reference_source
+    return (answer, OWN_TRUTH) if T is None else (start, "")
 
 
-def _share_of_points(preset, levels):
-    """What share of the source's points that the chain's filters leave a run uses."""
-    thinned = levels.get("icp_randomness", 1.0)
-    return preset.estimator.perturbing.subsampling_probability / thinned
+def _registered(function, reference, source, T_initial, argument):
+    """What a user's function answers for the two scans: one that never does is found out at once.
+
+    argument: name of the one that says where it starts. Raises DataError.
+    """
+    for _ in range(PROBES):
+        end = called(function, reference, source, T_initial)
+        if end.status == "ok":
+            return end.T_reference_source
+    raise DataError(
+        f"register: called with the scans and {argument}, {called_name(function)} {end.status}.",
+        "it must return the rigid transformation (4, 4) from the source's frame to the "
+        f"reference's; if it does so elsewhere, {argument} may be far from the answer.",
+    ) from end.error
+
+
+def _shares_of_points(preset, levels):
+    """What share of the source's points that the chain's filters leave a run uses.
+
+    Of a clean run, and of one with all causes on.
+    """
+    probability = preset.estimator.perturbing.subsampling_probability
+    return probability, probability / levels.get("icp_randomness", 1.0)
 
 
 class _Made(NamedTuple):
@@ -215,18 +246,17 @@ class _Run:
 
     def made(self, threads):
         """What comes of it, with so many threads: `_Made`."""
-        numbers = self.fit_numbers()
         row = self._describe()
+        numbers = self.fit_numbers()
         settings = plan.settings({name: (level,) for name, level in self.levels.items()}, 1)
-        # A user's function may hold what two threads must not share.
-        alone = self.estimator.kind.foreign
+        step = self.said.step
         runs, estimates = estimators.estimate(
             self.pair,
             settings,
             self.estimator,
             self.perturbation.deviation,
             self.streams,
-            in_threads(1 if alone else threads, self.said.step),
+            one_by_one(step) if self.estimator.kind.foreign else in_threads(threads, step),
         )
         off = {name: CAUSES[name].off for name in self.levels}
         instances = pd.DataFrame([{"instance": 0, **self.levels}])
@@ -284,8 +314,15 @@ class _Progress:
     """A line that says how far it is: told at the beginning and the end, and every step between."""
 
     def __init__(self, progress, parts):
-        self.file = sys.stderr if progress is True else progress
-        self.parts, self.part, self.steps, self.name = parts, 0, 0, ""
+        self.file = sys.stderr if progress is True else progress or None
+        self.parts, self.part, self.steps, self.name, self.width = parts, 0, 0, "", 0
+        try:
+            self._print("")
+        except (AttributeError, TypeError, ValueError) as error:
+            raise UserError(
+                f"progress: {progress!r} cannot be printed to ({error}), expected True, False or "
+                "an open text file.\nHint: progress=True prints to standard error."
+            ) from None
 
     def begin(self, name):
         self.part, self.steps, self.name = self.part + 1, 0, name
@@ -296,10 +333,14 @@ class _Progress:
         self._show()
 
     def end(self):
-        if self.file:
-            print("", file=self.file)
+        if self.part:
+            self._print("\n")
 
     def _show(self):
-        if self.file:
-            text = f"\r{self.name} ({self.part} of {self.parts}): {self.steps} steps"
+        text = f"{self.name} ({self.part} of {self.parts}): {self.steps} steps"
+        self.width = max(self.width, len(text))  # what is longer must not show through
+        self._print(f"\r{text:<{self.width}}")
+
+    def _print(self, text):
+        if self.file is not None:
             print(text, end="", file=self.file, flush=True)

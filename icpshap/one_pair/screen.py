@@ -8,6 +8,7 @@ import numpy as np
 from icpshap.report import captions, directions, effects, words
 
 MOST_LINES = 40
+NARROWEST = 72  # characters, of the six columns of the covariance
 BAR = 24  # characters of the longest
 BLOCKS = " ▏▎▍▌▋▊▉█"  # of an eighth of a character each
 BOLD, RESET = "\033[1m", "\033[0m"
@@ -15,7 +16,11 @@ WARNING = "\033[33m"
 
 
 def text(explanation, width=100, colours=False):
-    """The screen; width: of a line, in characters; colours: whether a terminal shows them."""
+    """The screen; width: of a line, in characters; colours: whether a terminal shows them.
+
+    A width below NARROWEST is taken as that: the covariance has no shorter lines.
+    """
+    width = max(width, NARROWEST)
     paint = _painted if colours else lambda _, words_: words_
     head = _wrapped(explanation.sentence, width)
     body = [

@@ -81,7 +81,7 @@ def test_scans_that_hardly_overlap(hall):
         ball = generator.normal(0, 1, (4000, 3))
         ball *= 20 / np.linalg.norm(ball, axis=1, keepdims=True)
         register_scans(np.concatenate([hall(), elsewhere]), ball, np.eye(4), "drive, scans 3 and 4")
-    assert "\nHint: let ICP start nearer to the answer (`guess` of the folder)" in str(error.value)
+    assert "let ICP start nearer to the answer (`guess` of the folder)" in str(error.value)
 
 
 def test_icp_that_does_not_settle(hall, monkeypatch):

@@ -172,14 +172,14 @@ def test_a_run_without_a_pose_has_failed_and_says_why(room_pair, caplog, answer,
         calls.append(None)
         return T_initial if len(calls) % 2 else answer(T_initial)
 
-    with caplog.at_level(logging.WARNING):
+    with caplog.at_level(logging.INFO):
         runs = runs_of(room_pair, register)
     failed = runs[~good(runs)]
     assert len(failed) == 75
     assert set(failed["status"]) == {said}
     # A failed run keeps its start.
     assert runs[TRANSFORM].equals(runs_of(room_pair, start_as_it_is)[TRANSFORM])
-    assert f"register {said}" in caplog.text.replace(f"{register.__qualname__}", "register")
+    assert f"register {said}" in caplog.text
     assert "50 of 100 runs failed" in caplog.text or "25 of 50 runs failed" in caplog.text
 
 
@@ -187,7 +187,7 @@ def test_the_log_has_the_traceback_of_the_first_error_of_each_kind(room_pair, ca
     def register(reference, source, T_initial):
         raise RuntimeError("diverged")
 
-    with caplog.at_level(logging.WARNING):
+    with caplog.at_level(logging.INFO):
         runs_of(room_pair, register, [NOISY])
     assert caplog.text.count('raise RuntimeError("diverged")') == 1
     assert "50 of 50 runs failed" in caplog.text

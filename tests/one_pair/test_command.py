@@ -85,12 +85,31 @@ def test_fit_says_each_check_without_icp(files, scans_given, capsys):
         (["explain", "reference.npy", "source.npy", "--transform", "no.txt"], "no.txt"),
         (["explain", "reference.npy", "source.npy", "--html", "no/a.html"], "cannot be written"),
         (["explain", "reference.npy", "source.npy", "--what-if", "runs"], "expected KEY=VALUE"),
+        (["explain", "reference.npy", "source.npy", "--html", "."], "cannot be written"),
+        (["explain", "reference.npy", "source.npy", "--save", ""], "cannot be written"),
+        (["explain", "reference.npy", "source.npy", "--save", "source.npy"], "overwrite another"),
+        (["explain", "reference.npy", "source.npy", "--seed", "-1"], "seed: -1 is less"),
+        (
+            ["explain", "reference.npy", "source.npy", "--what-if", "a:runs=60", "a:runs=70"],
+            "twice",
+        ),
+        (
+            ["fit", "reference.npy", "source.npy", "--option", "runs=60", "--option", "runs=70"],
+            "twice",
+        ),
+        (
+            [
+                *("fit", "reference.npy", "source.npy", "--transform", "T.txt"),
+                *("--initial-transform", "0", "0", "0", "0", "0", "0", "1"),
+            ],
+            "T_initial: given with T",
+        ),
         (
             [
                 *("explain", "reference.npy", "source.npy", "--sensor-noise", "0"),
                 *("--initial-pose", "1", "--partial-overlap", "0"),
             ],
-            "All causes are off",
+            "causes: all are off",
         ),
         (["fit", "reference.npy", "T.txt"], "4 points, expected at least 1000"),
     ],
@@ -125,14 +144,61 @@ def test_version_and_help_have_what_one_needs(capsys):
         assert cause in said
 
 
-def test_ctrl_c_ends_with_130_and_no_traceback(files, scans_given):
+@pytest.mark.parametrize("seconds", [0.3, 4])  # while it imports, while threads run
+def test_ctrl_c_ends_at_once_with_130_and_no_traceback(files, scans_given, seconds):
     command = [sys.executable, "-m", "icpshap", "explain", *scans_given]
     command += ["--transform", str(files / "T.txt"), "--option", "runs=20000"]
     started = subprocess.Popen(command, stderr=subprocess.PIPE, env={**os.environ}, text=True)
-    time.sleep(6)
+    time.sleep(seconds)
     assert started.poll() is None
     started.send_signal(signal.SIGINT)
-    _, said = started.communicate(timeout=60)
+    _, said = started.communicate(timeout=4)
     assert started.returncode == 130
     assert "Traceback" not in said
     assert "icpshap: stopped" in said
+
+
+def run(arguments, cwd, **options):
+    command = [sys.executable, "-m", "icpshap", *arguments]
+    return subprocess.run(command, cwd=cwd, capture_output=True, check=False, **options)
+
+
+def test_letters_that_the_terminal_does_not_know_are_replaced(files):
+    done = run(["fit", "--help"], files, env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    assert done.returncode == 0
+    assert b"--sensor-noise ?" in done.stdout
+
+
+def test_json_is_utf_8_in_any_locale_and_a_full_disk_is_said(files):
+    arguments = ["explain", "reference.npy", "source.npy", "--transform", "T.txt", *FAST, "--json"]
+    done = run(arguments, files, env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    assert "\u03c6" in json.loads(done.stdout.decode("utf-8"))["sentence"]
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        command = [sys.executable, "-m", "icpshap", *arguments]
+        done = subprocess.run(
+            command, cwd=files, stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert done.returncode == 1
+    assert done.stderr.startswith("icpshap: the output cannot be written")
+    assert "Traceback" not in done.stderr
+
+
+def test_a_missing_extra_is_said_before_anything_is_computed(files, monkeypatch, capsys):
+    monkeypatch.chdir(files)
+    monkeypatch.delitem(sys.modules, "icpshap.report.page", raising=False)
+    monkeypatch.delattr("icpshap.report.page", raising=False)
+    monkeypatch.setitem(sys.modules, "jinja2", None)
+    monkeypatch.setattr("icpshap.cli._scans", lambda given: pytest.fail("scans were read"))
+    assert cli.main(["explain", "reference.npy", "source.npy", "--html", "a.html"]) == 1
+    assert "pip install 'icpshap[plots]'" in capsys.readouterr().err
+
+
+def test_changes_of_the_command_line_may_be_texts(files, scans_given, capsys):
+    arguments = ["explain", *scans_given, "--transform", str(files / "T.txt"), *FAST]
+    arguments += ["--partial-overlap", "0", "--initial-pose", "1", "--json"]
+    assert cli.main([*arguments, "--what-if"]) == 0
+    tried = [row["what_if"] for row in json.loads(capsys.readouterr().out)["what_if"]]
+    assert "more_neighbours" in tried
+    assert cli.main([*arguments, "--what-if", "no reach: normal_neighbours=9"]) == 0
+    tried = [row["what_if"] for row in json.loads(capsys.readouterr().out)["what_if"]]
+    assert tried == ["as it is", "no reach"]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from icpshap import se3
+from icpshap.errors import UserError
 from icpshap.one_pair.covariance import PoseCovariance
 
 T = se3.exp(np.array([0.4, -0.2, 0.9, 1.0, -2.0, 0.5]))
@@ -40,11 +41,12 @@ def test_of_all_points_is_a_scaling_and_says_so(drawn):
     scaled = covariance.of_all_points()
     assert np.asarray(scaled) == pytest.approx(0.5 * covariance.matrix)
     assert "scaled by 0.5" in repr(scaled)
+    assert "too small for what all points share" in repr(scaled)
     assert scaled.to_dict()["scaled"]
 
 
 def test_another_convention_is_refused(drawn):
-    with pytest.raises(ValueError, match="expected one of icpshap, gtsam, ros"):
+    with pytest.raises(UserError, match="expected one of icpshap, gtsam, ros"):
         drawn[1].to("euler")
-    with pytest.raises(ValueError, match="already"):
+    with pytest.raises(UserError, match="already"):
         drawn[1].to("ros").to("gtsam")

@@ -1,8 +1,13 @@
 """One pair explained: what comes back holds together, and says what is wrong."""
 
+import copy
 import json
+import pickle
 import subprocess
 import sys
+import threading
+import zipfile
+from io import BytesIO
 
 import numpy as np
 import pytest
@@ -70,6 +75,7 @@ def test_a_screen_has_at_most_40_lines(explained):
         lines = explained.to_text(width).splitlines()
         assert len(lines) <= 40
         assert max(map(len, lines)) <= max(width, 80)
+    assert explained.to_text(20) == explained.to_text(72)
     text = repr(explained)
     for part in ("Covariance [rad^2", "Weakest direction", "█", "What to do"):
         assert part in text
@@ -100,13 +106,49 @@ def test_it_is_saved_and_loaded_whole(explained, tmp_path):
         loaded.plot("scene")
 
 
-@pytest.mark.parametrize("content", [None, b"", b"PK\x03\x04 cut off"])
+def zipped(**parts):
+    file = BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, content in parts.items():
+            archive.writestr(name.replace("_", "."), content)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        None,
+        b"",
+        b"PK\x03\x04 cut off",
+        zipped(a_txt=b"foreign"),
+        zipped(about_json=b"[]", covariances_npy=b""),
+        zipped(about_json=b"{}", covariances_npy=b""),
+    ],
+)
 def test_a_file_that_is_no_explanation_is_refused(content, tmp_path):
     path = tmp_path / "pair.zip"
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(UserError, match=str(path)):
         icpshap.Explanation.load(path)
+
+
+def test_a_file_of_another_version_that_has_other_parts_says_which(explained, tmp_path):
+    path = tmp_path / "pair.zip"
+    explained.save(path)
+    with zipfile.ZipFile(path) as file:
+        parts = {name: file.read(name) for name in file.namelist()}
+    about = {**json.loads(parts["about.json"]), "version": "0.9.9", "more": 1}
+    with zipfile.ZipFile(path, "w") as file:
+        for name, content in {**parts, "about.json": json.dumps(about)}.items():
+            file.writestr(name, content)
+    with pytest.raises(UserError, match=r"written by icpshap 0\.9\.9"):
+        icpshap.Explanation.load(path)
+
+
+def test_it_can_be_copied_and_pickled(explained):
+    for copied in (copy.deepcopy(explained), pickle.loads(pickle.dumps(explained))):
+        assert copied.to_json() == explained.to_json()
 
 
 def test_a_place_that_cannot_be_written_is_named(explained, tmp_path):
@@ -173,10 +215,11 @@ def test_without_a_pose_icp_answers_and_says_what_that_hides(scans, options):
 
 def test_ones_own_registration_answers_for_the_truth_and_for_the_runs(scans):
     reference, source, T = scans
-    calls = []
+    calls, threads = [], []
 
     def own(reference, source, T_initial):
         calls.append(len(source))
+        threads.append(threading.current_thread())
         return T_initial if len(calls) > 1 else T
 
     options = {"runs": 60, "noise_draws": 1, "sensor_sigma": 0.0, "bias_correction": "none"}
@@ -185,6 +228,7 @@ def test_ones_own_registration_answers_for_the_truth_and_for_the_runs(scans):
         estimator={**options, "based_on": "robust"},
     )  # fmt: skip
     assert len(calls) == 1 + 3 * 60
+    assert set(threads) == {threading.current_thread()}  # so that Ctrl-C ends it where it is
     assert (found.T_reference_source == T).all()
     assert found.study.estimator == "own"
     # What ends where it begins has the covariance of the start: twice that of the clean one.
@@ -198,6 +242,91 @@ def test_a_registration_that_fails_is_named(scans):
 
     with pytest.raises(DataError, match="RuntimeError: no luck"):
         icpshap.explain(*scans[:2], register=broken)
+
+
+@pytest.mark.parametrize(
+    ("returned", "message"),
+    [(np.eye(4)[:3], r"returned an array \(3, 4\)"), (None, "returned a NoneType")],
+)
+def test_a_registration_that_never_answers_is_found_out_before_all_runs(scans, returned, message):
+    calls = []
+
+    def broken(reference, source, T_initial):
+        calls.append(1)
+        return returned
+
+    with pytest.raises(DataError, match=message):
+        icpshap.explain(*scans, register=broken)
+    assert len(calls) == 3
+
+
+def test_a_package_that_a_registration_lacks_is_named(scans):
+    def lacking(reference, source, T_initial):
+        import no_such_package  # noqa: F401
+
+    with pytest.raises(UserError, match="pip install no_such_package"):
+        icpshap.explain(*scans, register=lacking)
+
+
+def test_a_failure_is_told_once(scans, caplog):
+    def sometimes(reference, source, T_initial):
+        if len(source) < len(scans[1]):
+            raise RuntimeError("no luck")
+        return T_initial
+
+    with pytest.raises(UserError, match="all 60 runs"):
+        icpshap.explain(*scans, register=sometimes, estimator={"runs": 60})
+    assert [row.levelname for row in caplog.records].count("WARNING") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"T_initial": np.eye(4)}, "T_initial: given with T"),
+        ({"threads": 0}, "threads: 0"),
+        ({"seed": -1}, "seed: -1"),
+        ({"indices": (0,)}, "indices: "),
+        ({"progress": "log.txt"}, "progress: 'log.txt' cannot be printed to"),
+        ({"progress": BytesIO()}, "progress: "),
+    ],
+)
+def test_arguments_that_cannot_be_used_are_named(scans, options, arguments, message):
+    with pytest.raises(UserError, match=message) as error:
+        icpshap.explain(*scans, estimator=options, **arguments)
+    assert "Hint: " in str(error.value)
+
+
+@pytest.mark.parametrize("call", [icpshap.explain, icpshap.fit_table])
+def test_scans_in_kilometres_are_an_error_that_names_them(scans, options, call):
+    reference, source, T = scans
+    with pytest.raises(DataError, match=r"reference: 0 of .* points are farther than 1"):
+        call(reference / 1000, source / 1000, T, estimator=options)
+
+
+def test_a_pile_of_equal_points_is_judged():
+    pile = np.full((1500, 3), 3.0)
+    table = icpshap.fit_table(pile, pile, np.eye(4), estimator="paper")
+    assert table.set_index("check").grade["duplicates"] != "fits"
+
+
+def test_a_warning_does_not_set_up_the_caller_s_logging(scans):
+    code = (
+        "import logging, numpy as np; from icpshap.data.pair import Pair, describe_pair;"
+        "points = np.random.default_rng(0).uniform(2, 9, (1500, 3));"
+        "pair = Pair.measured(points, points + 50, np.eye(4), 0.2);"
+        "describe_pair(pair, 'a', (0, 1), levels=[], minimum_overlap=0.1, minimum_range=1.0);"
+        "print(logging.getLogger().handlers)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+    assert "overlap ratio" in done.stderr
+
+
+def test_clean_runs_use_more_points_where_randomness_is_a_cause(scans, options):
+    causes = {"icp_randomness": 2.0}
+    found = icpshap.explain(*scans, causes=causes, estimator=options)
+    assert found.covariance_clean.share_of_points == 0.3
+    assert found.covariance.share_of_points == 0.15
 
 
 def test_an_inverse_pose_is_red_and_stands_first(scans, options):

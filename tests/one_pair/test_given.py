@@ -1,14 +1,29 @@
 """What a user gives of one pair: every mistake is named, with what was expected and what to do."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
-from icpshap import PAPER, se3
+from icpshap import PAPER, RELEASED_CODE, se3
 from icpshap.errors import DataError, UserError
-from icpshap.one_pair.given import CAUSES_GIVEN, given, scan, times, transform, trials
+from icpshap.one_pair.given import (
+    CAUSES_GIVEN,
+    given,
+    named_pair,
+    scan,
+    times,
+    transform,
+    trials,
+    whole,
+)
 
 T = se3.exp(np.array([0.1, -0.2, 0.3, 1.0, -2.0, 0.5]))
 POINTS = np.random.default_rng(0).uniform(-5, 5, (1000, 3))
+
+
+def own(reference, source, T_initial):
+    return T_initial
 
 
 def reflected():
@@ -23,6 +38,20 @@ def scaled():
     return T_scaled
 
 
+class Registration:
+    """A function that is an object."""
+
+    def __call__(self, reference, source, T_initial):
+        return T_initial
+
+
+class Elsewhere:
+    """What a tensor of another device does."""
+
+    def __array__(self, dtype=None, copy=None):
+        raise TypeError("cannot leave the device")
+
+
 @pytest.mark.parametrize(
     ("points", "message"),
     [
@@ -31,6 +60,10 @@ def scaled():
         (POINTS[:, :2], r"shape (1000, 2), expected (n, 3)"),
         (POINTS.T, "points.T"),
         (np.hstack([POINTS, POINTS]), "points[:, :3]"),
+        (np.ma.masked_array(POINTS, POINTS > 4), "entries are masked, expected none"),
+        ([[1, 2, 3], [1, 2]], "no array of numbers"),
+        (np.zeros(9, [("x", "f4"), ("y", "f4"), ("z", "f4")]), "np.stack([a[name] for name in"),
+        (Elsewhere(), "no array of numbers (cannot leave the device)"),
         (POINTS[:999], "999 points, expected at least 1000"),
         (1e6 * POINTS, "expected at most 100000 m"),
         (np.where(np.arange(3000).reshape(-1, 3) == 7, np.nan, POINTS), "the first in row 2"),
@@ -76,7 +109,11 @@ def test_seven_numbers_are_a_translation_and_a_quaternion():
         (T + 0.1 * np.eye(4), "the last row is [0.0, 0.0, 0.0, 1.1]"),
         (T[:3, :3], "shape (3, 3)"),
         (np.full((4, 4), np.nan), "not finite"),
-        ("T.txt", "no array of numbers"),
+        ("T.txt", "expected numbers"),
+        (T + 0j, "type complex128, expected numbers"),
+        ([[1], [1, 2]], "no array of numbers"),
+        (np.ma.masked_array(T, np.eye(4)), "4 entries are masked"),
+        ([1e9, 0, 0, 0, 0, 0, 1], "a translation of 1e+09"),
         ([1, 2, 3, 0, 0, 0, 0], "a quaternion of norm 0"),
         (np.zeros((4, 4)), "the last row is"),
     ],
@@ -94,7 +131,29 @@ def test_a_transform_that_is_not_rigid_is_refused(values, message):
         ({"causes": {"sensor_nois": 0.02}}, "causes: unknown cause 'sensor_nois', did you mean"),
         ({"causes": {"sensor_noise": -1}}, "causes.sensor_noise: -1"),
         ({"causes": {}}, "expected a level for each cause"),
-        ({"causes": ["sensor_noise"]}, "expected a level for each cause"),
+        ({"causes": ["sensor_noise"]}, "causes: ['sensor_noise'], expected a mapping"),
+        ({"causes": {"sensor_noise": 0, "initial_pose": 1}}, "causes: all are off"),
+        ({"estimator": ["lidar"]}, "unknown preset or kind '['lidar']'"),
+        ({"estimator": {"kind": "nope"}}, "unknown preset or kind 'nope'"),
+        ({"estimator": {"based_on": ["x"]}}, "unknown preset or kind"),
+        ({"estimator": "gicp", "register": own}, "the kind gicp, which registers itself"),
+        ({"estimator": {"normal_neighbours": 9}, "register": own}, "'normal_neighbours' is an opt"),
+        (
+            {"estimator": {"kind": "callable", "register": own}, "register": own},
+            "register: given twice, the estimator has own",
+        ),
+        ({"register": lambda reference, source: source}, "does not take three arguments"),
+        ({"what_if": [("more", {"runs": 70})]}, "what_if: [('more', {'runs': 70})], expected"),
+        ({"what_if": {"more": None}}, "what_if: more: None, expected a mapping"),
+        ({"what_if": {"as it is": {"runs": 70}}}, "what_if: the name 'as it is'"),
+        ({"what_if": {"": {"runs": 70}}}, "what_if: the name ''"),
+        ({"what_if": {1: {"runs": 70}}}, "what_if: the name 1"),
+        ({"what_if": {"more": {"based_on": "paper"}}}, "what_if: more: based_on"),
+        ({"perturbation": 3}, "perturbation: 3, expected a mapping"),
+        ({"seed": -1}, "seed: -1"),
+        ({"seed": 1.5}, "seed: 1.5"),
+        ({"seed": None}, "seed: None"),
+        ({"seed": True}, "seed: True"),
         ({"estimator": "lidr"}, "unknown preset or kind 'lidr', did you mean 'lidar'?"),
         ({"estimator": {"normal_neighbors": 30}}, "did you mean 'normal_neighbours'?"),
         ({"estimator": {"runs": 10}}, "estimator.runs: 10 is less than the minimum of 50"),
@@ -115,6 +174,7 @@ def test_options_and_levels_are_checked_as_those_of_a_configuration(arguments, m
         given(**{**defaults, "estimator": "lidar", **arguments})
     assert message in str(error.value)
     assert "experiments." not in str(error.value)
+    assert "change_" not in str(error.value)
     assert "Hint: " in str(error.value)
 
 
@@ -160,7 +220,69 @@ def test_no_usual_change_takes_all_points():
     }
 
 
-@pytest.mark.parametrize("values", [[1.0], np.zeros(10), np.full(10, np.nan)])
+def test_numpy_numbers_are_numbers_and_names_of_changes_are_free():
+    found = given(
+        {"sensor_noise": np.float32(0.5)},
+        {"based_on": "paper", "runs": np.int64(60)},
+        None,
+        {"more neighbours": {"normal_neighbours": np.int64(30)}, "pair": {"runs": 70}},
+        None,
+        np.int64(7),
+    )
+    assert (found.levels, found.preset, found.seed) == (
+        {"sensor_noise": 0.5},
+        PAPER.with_options(runs=60),
+        7,
+    )
+    assert [preset.options["runs"] for *_, preset in found.what_if.values()] == [60, 70]
+    assert list(found.what_if) == ["more neighbours", "pair"]
+
+
+@pytest.mark.parametrize(
+    ("register", "name"),
+    [(lambda a, b, c: c, "<lambda>"), (partial(own), "own"), (Registration(), "Registration")],
+)
+def test_any_function_is_taken_and_has_the_same_name_in_every_process(register, name):
+    assert given(None, "lidar", register, None, None).name == name
+
+
+def test_what_is_said_of_a_function_s_runs_counts():
+    found = given(None, {"voxel_size": 0.5}, own, None, None).preset
+    assert found.estimator.perturbing.voxel_size == 0.5
+
+
+def test_a_start_is_half_as_wide_whatever_its_scale_means():
+    assert trials(PAPER, {"initial_pose": 2.0})["start_half_as_wide"] == {"initial_pose": 0.5}
+    assert trials(RELEASED_CODE, {"initial_pose": 2.0})["start_half_as_wide"] == {
+        "initial_pose": 1.0
+    }
+
+
+@pytest.mark.parametrize("value", [0, -1, "2", 1.5, True, [1]])
+def test_a_number_of_threads_is_whole_and_positive(value):
+    with pytest.raises(UserError, match=r"threads: .*expected a whole number of at least 1"):
+        whole(value, "threads", 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "indices", "message"),
+    [
+        (3, (0, 1), "name: 3"),
+        ("pair", (0,), "indices: "),
+        ("pair", "01", "indices: "),
+        ("pair", (0, 0.5), "indices: 0.5"),
+        ("pair", (-1, 0), "indices: -1"),
+    ],
+)
+def test_what_random_numbers_are_drawn_for_is_checked(name, indices, message):
+    with pytest.raises(UserError, match=message):
+        named_pair(name, indices)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [[1.0], np.zeros(10), np.full(10, np.nan), "x", np.arange(10) + 0j, np.arange(10)[:, None]],
+)
 def test_times_that_are_none_are_refused(values):
     with pytest.raises(DataError, match="source_times"):
         times(values, 10)

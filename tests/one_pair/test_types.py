@@ -5,7 +5,6 @@ import inspect
 import pytest
 
 import icpshap
-from icpshap.one_pair.covariance import PoseCovariance
 
 
 def public(owner):
@@ -22,7 +21,7 @@ def public(owner):
 CALLED = {
     **{name: getattr(icpshap, name) for name in ("explain", "fit_table", "read_scan")},
     **dict(public(icpshap.Explanation)),
-    **dict(public(PoseCovariance)),
+    **dict(public(icpshap.PoseCovariance)),
 }
 UNTYPED = ("Explanation.plot", "Explanation.to_shap")  # of packages that need not be installed
 
