@@ -1,11 +1,13 @@
 """The numbers of `paper` and `released_code`: pinned for good, on the tiny workflow.
 
 Poses, f, phi and interactions with every run kept may never change. Bytes differ between kinds of
-processor (exp, log, sin), so the repository pins to 1e-9 relative, ends of intervals to 6e-8.
+processor (exp, log, sin), so the repository pins to 1e-9 relative, ends of intervals to 6e-8, on
+scans that lie beside the pins.
 
     python -m tests.test_pinned FOLDER    writes the pins from the results in a working directory
 """
 
+import shutil
 import sys
 from pathlib import Path
 
@@ -57,6 +59,7 @@ TABLES = {"poses": poses, "values": values, "uncertainty": uncertainty}
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     project = Project(tmp_path_factory.mktemp("pinned"))
+    shutil.copytree(PINS / "scans", project.folder / "scans")
     targets = [
         f"results/{name}/{t}.parquet" for name in EXPERIMENTS for t in ("shap", "uncertainty")
     ]

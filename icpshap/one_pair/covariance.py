@@ -21,12 +21,14 @@ class PoseCovariance:
     order: which three rows come first; frame: what it is the covariance of; share_of_points: of the
     source's points that the chain leaves, what a run used: with all of them, if points count alike
     and do not depend on one another, the covariance would be that share of it
-    (`of_all_points`); to_reference (3, 3): rotation from the source's axes to the reference's;
-    scaled: whether it has been.
+    (`of_all_points`); left_out: share of the runs that it is not of, since they failed or ended in
+    a wrong basin; to_reference (3, 3): rotation from the source's axes to the reference's; scaled:
+    whether it has been.
     """
 
     matrix: np.ndarray
     share_of_points: float
+    left_out: float
     to_reference: np.ndarray
     order: str = ROTATION_FIRST
     frame: str = SOURCE_FRAME
@@ -94,6 +96,9 @@ class PoseCovariance:
                 f"scaled by {self.share_of_points:.3g}, the share of the points that runs used, "
                 "too small for what all points share"
             )
+        if self.left_out > 0:
+            lost = f"{self.left_out:.0%} of the runs that failed or ended in a wrong basin"
+            points += f"; WITHOUT the {lost}"
         return f"Covariance [{self.unit}], {self.order}, {self.frame}; {points}"
 
     def to_dict(self) -> dict:
@@ -104,5 +109,6 @@ class PoseCovariance:
             "unit": self.unit,
             "frame": self.frame,
             "share_of_points": self.share_of_points,
+            "left_out": self.left_out,
             "scaled": self.scaled,
         }

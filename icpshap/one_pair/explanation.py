@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from icpshap import __version__
+from icpshap.causes import CAUSES
 from icpshap.data.pair import Pair
 from icpshap.errors import UserError
 from icpshap.explanation import games
@@ -155,8 +156,11 @@ class Explanation:
         return self.covariance.of_all_points()
 
     def _covariance(self, which):
-        T = self.T_reference_source
-        return PoseCovariance(self.covariances[which], self.shares_of_points[which], T[:3, :3])
+        left_out = 1.0 - self._row.n_used / self._row.n_runs
+        rotation = self.T_reference_source[:3, :3]
+        return PoseCovariance(
+            self.covariances[which], self.shares_of_points[which], left_out, rotation
+        )
 
     @property
     def f(self) -> float:
@@ -172,6 +176,19 @@ class Explanation:
     def wrong_basin_share(self) -> float:
         """Share of the runs that failed or ended in a wrong basin, with all causes on."""
         return self._row.wrong_basin_share
+
+    @property
+    def wrong_basin(self) -> pd.DataFrame:
+        """What each cause adds to the share of runs in a wrong basin: value, low, high."""
+        return self._of_causes("wrong_basin_")
+
+    @property
+    def game(self) -> pd.DataFrame:
+        """f of each coalition, a row each: whether each cause is on, f, f_low, f_high."""
+        table = self.tables["uncertainty"]
+        table = table[~table.again].reset_index(drop=True)
+        on = {name: table[name] != CAUSES[name].off for name in self.study.causes}
+        return pd.DataFrame(on).join(table[["f", "f_low", "f_high"]])
 
     @property
     def error_clean(self) -> PoseError:
@@ -261,6 +278,7 @@ class Explanation:
             "unit": self.study.unit,
             "shapley": shares,
             "removal": self.removal.to_dict(orient="index"),
+            "wrong_basin": self.wrong_basin.to_dict(orient="index"),
             "interactions": [
                 {"causes": list(pair), **row}
                 for pair, row in zip(

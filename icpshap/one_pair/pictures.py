@@ -23,11 +23,17 @@ def draw(explanation, name):
             f"figure {name!r}, expected one of {', '.join(FIGURES)}.\nHint: plot('waterfall')."
         )
     with extra("plots", "matplotlib", "shap"):
+        from matplotlib import pyplot
+
         from icpshap.report import figures
-    if name == SCENE:
-        return _scene(explanation)
     tables = explanation.tables
-    return figures.draw(name, tables["shap"], tables["directions"], explanation.study)
+    if name == SCENE:
+        figure, caption = _scene(explanation)
+    else:
+        shown = tables["shap"], tables["directions"], explanation.study
+        figure, caption = figures.draw(name, *shown)
+    pyplot.close(figure)  # a notebook would show it twice
+    return figure, caption
 
 
 def _scene(explanation):
@@ -52,25 +58,22 @@ def _scene(explanation):
 
 
 def modules_of_the_page():
-    """pyplot, report.page and style.save. Raises UserError without the extra."""
+    """report.page and style.save. Raises UserError without the extra."""
     with extra("plots", "matplotlib", "shap", "jinja2", "markupsafe"):
-        from matplotlib import pyplot
-
         from icpshap.report import page
         from icpshap.report.figures.style import save
-    return pyplot, page, save
+    return page, save
 
 
 def page(explanation):
     """The report of one pair as HTML, with its pictures inside."""
-    pyplot, report, save = modules_of_the_page()
+    report, save = modules_of_the_page()
     names = [name for name in FIGURES if name != SCENE or explanation.scans is not None]
     with TemporaryDirectory() as folder:
         paths = [Path(folder) / f"{name}.svg" for name in names]
         for name, path in zip(names, paths, strict=True):
             figure, caption = draw(explanation, name)
             save(figure, path)
-            pyplot.close(figure)
             path.with_suffix(".txt").write_text(caption, encoding="utf-8")
         tables = explanation.tables
         section = report.Section(

@@ -24,6 +24,8 @@ def text(explanation, width=100, colours=False):
     paint = _painted if colours else lambda _, words_: words_
     head = _wrapped(explanation.sentence, width)
     body = [
+        *_arrivals(explanation, width),
+        "",
         *_covariance(explanation, width),
         "",
         *_causes(explanation, paint),
@@ -51,6 +53,25 @@ def html(explanation):
     )
 
 
+def _arrivals(explanation, width):
+    """How many runs arrive, and which cause has others in a wrong basin."""
+    row = explanation.tables["shap"].iloc[0]
+    if np.isnan(row.success_rate):
+        return ["No pose samples, and so no success."]
+    text = (
+        f"Runs within 0.1 m and 2 degrees of the true pose: {row.clean_success_rate:.0%} clean, "
+        f"{row.success_rate:.0%} with all causes on"
+    )
+    if row.wrong_basin_share > 0:
+        text += f"; failed or in a wrong basin: {row.wrong_basin_share:.0%}"
+        parts = explanation.wrong_basin
+        parts = parts[parts.low > 0]
+        for cause in explanation.study.players:
+            if cause.name in parts.index:
+                text += f", by {cause.title} {parts.value[cause.name]:.0%}"
+    return _wrapped(f"{text}.", width)
+
+
 def _covariance(explanation, width):
     """The covariance, its standard deviations and the weakest direction."""
     found = explanation.covariance
@@ -76,7 +97,9 @@ def _causes(explanation, paint):
     shown = study.shown(explanation.tables["shap"])
     values = table.value.abs()
     largest = values.max() if values.notna().any() and values.max() > 0 else 1.0
-    title = f"Shapley values φ: the share of each cause in f, {explanation.f:.3g} {study.unit}"
+    f = explanation.tables["shap"].iloc[0]
+    told = words.with_interval(f.f, f.f_low, f.f_high)
+    title = f"Shapley values φ, the share of each cause in f = {told} {study.unit}"
     lines = [paint(BOLD, title)]
     longest = max((len(_cause(cause, explanation)) for cause in shown), default=0)
     for cause in shown:

@@ -47,6 +47,20 @@ def test_the_covariance_is_that_of_the_runs(explained):
     assert clean < np.linalg.slogdet(explained.covariance.matrix)[1]
 
 
+def test_the_game_is_that_of_the_shapley_values(explained):
+    game = explained.game
+    assert len(game) == 8
+    causes = list(explained.shapley.index)
+    f = {tuple(row[causes]): row.f for _, row in game.iterrows()}
+    assert f[True, True, True] == explained.f
+    for k, name in enumerate(causes):
+        without = tuple(other != k for other in range(3))
+        assert explained.removal.value[name] == pytest.approx(explained.f - f[without])
+    parts = explained.wrong_basin.value.sum()
+    clean = explained.tables["shap"].clean_wrong_basin_share[0]
+    assert parts == pytest.approx(explained.wrong_basin_share - clean)
+
+
 def test_errors_are_in_centimetres_and_degrees(explained):
     row = explained.tables["shap"].iloc[0]
     assert explained.error_perturbed.centimetres == 100 * row.translation_rmse
@@ -158,9 +172,7 @@ def test_a_place_that_cannot_be_written_is_named(explained, tmp_path):
 
 def test_every_figure_and_the_page_are_drawn(explained):
     for name in ("waterfall", "interactions", "directions", "scene"):
-        figure = explained.plot(name)
-        assert figure.get_axes()
-        pyplot.close(figure)
+        assert explained.plot(name).get_axes()
     with pytest.raises(UserError, match="expected one of waterfall"):
         explained.plot("pie")
     page = explained.to_html()

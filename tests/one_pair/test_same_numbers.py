@@ -1,5 +1,6 @@
 """The function, the command and the workflow say the same of a pair, to the byte."""
 
+import os
 import subprocess
 import sys
 
@@ -7,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from conftest import REPOSITORY
 from project import Project
 
 import icpshap
@@ -69,7 +71,10 @@ def test_as_the_command(files, explained):
     command += ["--sensor-noise", "0.03", "--threads", "1", "--quiet"]
     for name, value in OPTIONS.items():
         command += ["--option", f"{name}={value}"]
-    done = subprocess.run(command, cwd=files, capture_output=True, text=True, check=True)
+    found_there = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    done = subprocess.run(
+        command, cwd=files, env=found_there, capture_output=True, text=True, check=True
+    )
     assert done.stdout == ""
     saved = icpshap.Explanation.load(files / "pair.zip")
     assert saved.to_json() == explained.to_json()
