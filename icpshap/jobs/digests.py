@@ -49,7 +49,7 @@ def _digest(*files, own=()):
         digest.update(repr(_versions(module)).encode())
         if (path := _file(module)).suffix == ".py":
             _imported(path, seen)
-            digest.update(_code(path).encode())
+            digest.update(_code(_text(path)).encode())
         elif path.is_file():
             digest.update(path.read_bytes())
     for path in sorted(seen):
@@ -57,7 +57,7 @@ def _digest(*files, own=()):
         inside = path.is_relative_to(LIBRARY)
         if inside and path.relative_to(LIBRARY).as_posix() in READ_AND_WRITE:
             continue
-        digest.update(_code(path).encode())
+        digest.update(_code(_text(path)).encode())
     return digest.hexdigest()[:16]
 
 
@@ -104,7 +104,7 @@ def _versions(module):
         seen = {path: True}
         _imported(path, seen)
         for file in seen:
-            names |= _packages(ast.parse(file.read_text(encoding="utf-8")))
+            names |= _packages(ast.parse(_text(file)))
     known = metadata.packages_distributions()
     found = {}
     for distribution in {part for name in names for part in known.get(name, [name])}:
@@ -125,9 +125,14 @@ def _packages(tree):
     return names
 
 
-def _code(path):
+def _text(path):
+    return path.read_text(encoding="utf-8")
+
+
+@cache  # most modules are part of many digests, and parsing them is what a digest costs
+def _code(text):
     """A module's code without docstrings, comments and layout."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = ast.parse(text)
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and _has_docstring(node):
             node.body[0].value.value = ""
@@ -144,7 +149,7 @@ def _imported(path, seen):
 
 def _modules_of(path):
     """Paths of the library modules that a file imports by name or finds in its own folder."""
-    names = _imported_names(ast.parse(path.read_text(encoding="utf-8")))
+    names = _imported_names(_text(path))
     found = [module for name in names for module in _files(name)]
     finds_plugins = path.name == "__init__.py" and f"{LIBRARY.name}.registry" in names
     if finds_plugins and path.parent.name not in CHOSEN:
@@ -152,9 +157,11 @@ def _modules_of(path):
     return found
 
 
-def _imported_names(tree):
+@cache
+def _imported_names(text):
+    """Dotted names of what a module's text imports of the library."""
     names = []
-    for node in ast.walk(tree):
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.ImportFrom):
             names += [f"{node.module or ''}.{alias.name}" for alias in node.names]
         elif isinstance(node, ast.Import):

@@ -9,10 +9,13 @@ import time
 
 import numpy as np
 import pytest
+from conftest import REPOSITORY
 
 import icpshap
 from icpshap import cli
 
+# Processes elsewhere import the code of this checkout.
+THERE = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
 FAST = ("--estimator", "paper", "--option", "runs=60", "--option", "subsampling_probability=0.2")
 FAST += ("--option", "maximum_iterations=20")
 
@@ -148,7 +151,7 @@ def test_version_and_help_have_what_one_needs(capsys):
 def test_ctrl_c_ends_at_once_with_130_and_no_traceback(files, scans_given, seconds):
     command = [sys.executable, "-m", "icpshap", "explain", *scans_given]
     command += ["--transform", str(files / "T.txt"), "--option", "runs=20000"]
-    started = subprocess.Popen(command, stderr=subprocess.PIPE, env={**os.environ}, text=True)
+    started = subprocess.Popen(command, stderr=subprocess.PIPE, env=THERE, text=True)
     time.sleep(seconds)
     assert started.poll() is None
     started.send_signal(signal.SIGINT)
@@ -164,19 +167,25 @@ def run(arguments, cwd, **options):
 
 
 def test_letters_that_the_terminal_does_not_know_are_replaced(files):
-    done = run(["fit", "--help"], files, env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    done = run(["fit", "--help"], files, env={**THERE, "PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0
     assert b"--sensor-noise ?" in done.stdout
 
 
 def test_json_is_utf_8_in_any_locale_and_a_full_disk_is_said(files):
     arguments = ["explain", "reference.npy", "source.npy", "--transform", "T.txt", *FAST, "--json"]
-    done = run(arguments, files, env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    done = run(arguments, files, env={**THERE, "PYTHONIOENCODING": "ascii"})
     assert "\u03c6" in json.loads(done.stdout.decode("utf-8"))["sentence"]
     with open("/dev/full", "w", encoding="utf-8") as full:
         command = [sys.executable, "-m", "icpshap", *arguments]
         done = subprocess.run(
-            command, cwd=files, stdout=full, stderr=subprocess.PIPE, text=True, check=False
+            command,
+            cwd=files,
+            env=THERE,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
         )
     assert done.returncode == 1
     assert done.stderr.startswith("icpshap: the output cannot be written")
