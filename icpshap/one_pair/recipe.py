@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple, TextIO
 
 import numpy as np
@@ -120,12 +121,12 @@ def explain(
         titles={name: name},
         waterfall=asked.levels,
     )
-    options = {key: value for key, value in asked.preset.options.items() if not callable(value)}
+    study = replace(study, options=_told(study.options))
     return Explanation(
         tables,
         made[0].covariances,
         study,
-        options,
+        _told(asked.preset.options),
         asked.levels,
         asked.seed,
         truth,
@@ -203,6 +204,11 @@ def _registered(function, reference, source, T_initial, argument):
         "it must return the rigid transformation (4, 4) from the source's frame to the "
         f"reference's; if it does so elsewhere, {argument} may be far from the answer.",
     ) from end.error
+
+
+def _told(options):
+    """Options as a file can hold them: a function by its name."""
+    return {key: called_name(value) if callable(value) else value for key, value in options.items()}
 
 
 def _shares_of_points(preset, levels):

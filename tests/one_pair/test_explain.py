@@ -225,7 +225,7 @@ def test_without_a_pose_icp_answers_and_says_what_that_hides(scans, options):
     assert "registration itself answered" in " ".join(found.warnings)
 
 
-def test_ones_own_registration_answers_for_the_truth_and_for_the_runs(scans):
+def test_ones_own_registration_answers_for_the_truth_and_for_the_runs(scans, tmp_path):
     reference, source, T = scans
     calls, threads = [], []
 
@@ -243,6 +243,8 @@ def test_ones_own_registration_answers_for_the_truth_and_for_the_runs(scans):
     assert set(threads) == {threading.current_thread()}  # so that Ctrl-C ends it where it is
     assert (found.T_reference_source == T).all()
     assert found.study.estimator == "own"
+    found.save(tmp_path / "own.zip")
+    assert icpshap.Explanation.load(tmp_path / "own.zip").to_json() == found.to_json()
     # What ends where it begins has the covariance of the start: twice that of the clean one.
     ratio = found.covariance.matrix / found.covariance_clean.matrix
     assert np.diagonal(ratio) == pytest.approx(2.0, rel=1e-6)
