@@ -37,6 +37,7 @@ def test_outputs_are_stored_and_are_no_errors(path):
     assert any("image/png" in output.get("data", {}) for output in outputs)
 
 
+@pytest.mark.slow
 def test_the_cells_run(path, monkeypatch, tmp_path):
     pytest.importorskip("small_gicp")
     pytest.importorskip("shapiq")

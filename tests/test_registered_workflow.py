@@ -116,6 +116,7 @@ def test_a_pair_that_does_not_register_is_named(tmp_path):
     assert "Traceback" not in said and "let ICP start nearer to the answer" in said
 
 
+@pytest.mark.slow
 def test_a_file_of_guesses(tmp_path):
     project = project_of(tmp_path, poses="register", guess="guess.txt")
     write_scans(tmp_path / "drive")

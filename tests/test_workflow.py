@@ -427,6 +427,7 @@ class TestBadInput:
         assert "is larger than their overlap ratio" in self.fails(own)
 
 
+@pytest.mark.slow
 def test_real_pair(project, real_data):
     """First run on real input: sensor noise decides, as in the paper."""
     config = yaml.safe_load(TINY.read_text())

@@ -31,6 +31,7 @@ def configured(project, url, archive, scans=2):
     return "--configfile", "remote.yaml"
 
 
+@pytest.mark.slow
 def test_the_experiment_costs_its_members_and_the_directory(archive, tmp_path, monkeypatch):
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
     project = Project(tmp_path)

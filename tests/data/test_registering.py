@@ -73,6 +73,7 @@ def test_simulated_scans(scene):
     assert rotation < 0.2 and translation < 0.02
 
 
+@pytest.mark.slow
 def test_scans_that_hardly_overlap(hall):
     elsewhere = hall()[hall()[:, 0] > 1] * [1, 1, 0.2] + [30, 0, 0]
     expected = r"^drive, scans 3 and 4: did not register: at ICP's answer \d+ % of the source"

@@ -30,7 +30,9 @@ def references():
     return [icp.Reference(cloud[icp.minimum_range(cloud, 1.0)]) for cloud in clouds]
 
 
-@pytest.mark.parametrize("regime", CHAINS)
+@pytest.mark.parametrize(
+    "regime", [pytest.param(name, marks=[pytest.mark.slow] * (name == "d")) for name in CHAINS]
+)
 def test_same_poses_and_iterations_run_by_run(regime, references):
     inputs, expected = load("inputs.npz"), load(f"poses_{regime}_f64.npz")
     masks = np.unpackbits(inputs["mask25_packed"], axis=1)[:, : len(inputs["P2_keep"])].astype(bool)

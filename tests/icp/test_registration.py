@@ -316,6 +316,7 @@ def test_the_first_job_says_that_it_compiles(caplog, tmp_path, monkeypatch):
     assert "Compiling the ICP engine" in caplog.text
 
 
+@pytest.mark.slow
 def test_a_million_points():
     reference, source = (room(1_000_000, seed, noise=1e-3) for seed in (1, 2))
     rows, T_initial = subsets(3, len(source), 0.02, 3), poses(3, 4)
