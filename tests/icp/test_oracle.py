@@ -31,7 +31,8 @@ def references():
 
 
 @pytest.mark.parametrize(
-    "regime", [pytest.param(name, marks=[pytest.mark.slow] * (name == "d")) for name in CHAINS]
+    "regime",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name in ("b", "d"))) for name in CHAINS],
 )
 def test_same_poses_and_iterations_run_by_run(regime, references):
     inputs, expected = load("inputs.npz"), load(f"poses_{regime}_f64.npz")
