@@ -98,11 +98,14 @@ def explain(
     said = _Progress(progress, len(parts))
     with threadpool_limits(1):  # the order of sums must not depend on the cores
         pair, truth = _pair(reference, source, T, T_initial, asked, source_times)
+        runs = [
+            _Run(pair, preset, levels, asked.perturbation, streams, truth, said)
+            for _, _, levels, preset in parts
+        ]
         made = []
         try:
-            for part, _, levels, preset in parts:
+            for (part, *_), run in zip(parts, runs, strict=True):
                 said.begin(part)
-                run = _Run(pair, preset, levels, asked.perturbation, streams, truth, said)
                 made.append(run.made(threads))
         finally:
             said.end()
@@ -131,7 +134,7 @@ def explain(
         asked.seed,
         truth,
         _shares_of_points(asked.preset, asked.levels),
-        made[0].scans,
+        runs[0].scans(),
     )
 
 
@@ -221,11 +224,10 @@ def _shares_of_points(preset, levels):
 
 
 class _Made(NamedTuple):
-    """Tables by name; covariances (2, 6, 6), clean and with all causes on; the scans."""
+    """Tables by name; covariances (2, 6, 6), clean and with all causes on."""
 
     tables: dict
     covariances: np.ndarray
-    scans: Scans
 
 
 class _Run:
@@ -278,9 +280,10 @@ class _Run:
             if table is not None:
                 found[name] = table.assign(**where).reset_index(drop=True)
         covariances = self._covariances(runs, estimates, instances, *read_by, scan_pair)
-        return _Made(found, covariances, self._scans())
+        return _Made(found, covariances)
 
-    def _scans(self):
+    def scans(self):
+        """The scans, and which of their points are left."""
         draws = Draws(self.pair, self.estimator, self.perturbation.deviation, self.streams)
         setting = plan.Setting.at(self.levels)
         return Scans(self.pair, *(draws.left(setting, scan, 0) for scan in SCANS))
