@@ -123,14 +123,14 @@ def estimate(pair, settings, estimator, deviation, streams, mapped=map):
     for of_group in mapped(lambda group: list(estimator.kind.estimate(group)), groups):
         for returned in of_group:
             if isinstance(returned, Samples):
-                runs[returned.setting].append(_runs_frame(pair, returned))
+                runs[returned.setting].append(_runs_columns(pair, returned))
             else:
-                estimates[returned.setting].append(_estimates_frame(pair, returned))
+                estimates[returned.setting].append(_estimates_columns(pair, returned))
     _check_returned(estimator, runs, estimates)
-    for setting, frames in runs.items():
+    for setting in runs:
         if all(setting.level(cause) == cause.off for cause in estimator.causes.values()):
-            estimator.kind.check_clean(pd.concat(frames))
-    return _in_order(runs, settings), _in_order(estimates, settings)
+            estimator.kind.check_clean(_table(runs, [setting]))
+    return _table(runs, settings), _table(estimates, settings)
 
 
 def _check_returned(estimator, runs, estimates):
@@ -150,43 +150,48 @@ def _check_returned(estimator, runs, estimates):
         )
 
 
-def _in_order(frames, settings):
-    if not frames:
+def _table(columns, settings):
+    """One table of the columns returned for each setting, in the order of the settings."""
+    if not columns:
         return None
-    return pd.concat([frame for setting in settings for frame in frames[setting]])
+    parts = [part for setting in settings for part in columns[setting]]
+    return pd.DataFrame({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
 
 
-def _runs_frame(pair, samples):
-    return pd.DataFrame(
-        {
-            **_setting_columns(samples.setting),
-            "run": samples.runs.astype(np.int32),
-            "noise_draw": np.int32(samples.noise_draw),
-            "weight": samples.weight,
-            **dict(zip(INITIAL_XI, samples.initial_xi.T, strict=True)),
-            **_pose_columns(pair, samples.T_reference_source),
-            "iterations": samples.iterations.astype(np.int32),
-            "status": samples.status,
-            "rmse": samples.rmse,
-            "inlier_ratio": samples.inlier_ratio,
-        }
+def _runs_columns(pair, samples):
+    return _columns(
+        len(samples.runs),
+        **_setting_columns(samples.setting),
+        run=samples.runs.astype(np.int32),
+        noise_draw=np.int32(samples.noise_draw),
+        weight=samples.weight,
+        **dict(zip(INITIAL_XI, samples.initial_xi.T, strict=True)),
+        **_pose_columns(pair, samples.T_reference_source),
+        iterations=samples.iterations.astype(np.int32),
+        status=samples.status,
+        rmse=samples.rmse,
+        inlier_ratio=samples.inlier_ratio,
     )
 
 
-def _estimates_frame(pair, estimate):
-    return pd.DataFrame(
-        {
-            **_setting_columns(estimate.setting),
-            "noise_draw": np.int32(estimate.noise_draw),
-            **_pose_columns(pair, estimate.T_reference_source[None]),
-            **covariance_columns(estimate.covariance),
-            "iterations": np.int32(estimate.iterations),
-            "status": estimate.status,
-            "rmse": estimate.rmse,
-            "inlier_ratio": estimate.inlier_ratio,
-            "n_far": np.int32(estimate.far),
-        }
+def _estimates_columns(pair, estimate):
+    return _columns(
+        1,
+        **_setting_columns(estimate.setting),
+        noise_draw=np.int32(estimate.noise_draw),
+        **_pose_columns(pair, estimate.T_reference_source[None]),
+        **covariance_columns(estimate.covariance),
+        iterations=np.int32(estimate.iterations),
+        status=estimate.status,
+        rmse=estimate.rmse,
+        inlier_ratio=estimate.inlier_ratio,
+        n_far=np.int32(estimate.far),
     )
+
+
+def _columns(length, **values):
+    """Arrays of that length, out of such and single values."""
+    return {name: np.broadcast_to(value, length) for name, value in values.items()}
 
 
 def _setting_columns(setting):

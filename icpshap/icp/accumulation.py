@@ -3,8 +3,11 @@
 Idea: the outer loop goes over neighbourhoods of source points, the inner one over runs, so that
 the part of the reference near a neighbourhood is read from memory once and then serves every run.
 Its size is such that all queries of one fit into the cache; they are matched together (`matching`),
-and each run adds its links to its own sums: the link lengths decide which (`trimming`), the error
-metric what (`minimisers`).
+the link lengths decide which links are kept (`trimming`), and the runs, several at a time, add
+these to their sums (`lanes`), of what the error metric says (`minimisers`).
+
+Whether a link is kept is read off its key, and its length is computed only where the key leaves
+that open, or where the link is in the band.
 
 Exactness: a run's sums are taken one link after the other in the spatial order of its source
 points; links inside its band follow at the end. Neither depends on which runs are computed
@@ -17,18 +20,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from icpshap.icp import kdtree
-from icpshap.icp.compiled import jit, prefetch
-from icpshap.icp.matching import match, work_arrays
-from icpshap.icp.minimisers import write_features
-from icpshap.icp.products import FEATURES, ROW, add_products
+from icpshap.icp.compiled import jit
+from icpshap.icp.keys import TOGETHER, decide, known, lowest, ones
+from icpshap.icp.lanes import LANES, PRODUCTS, add_links
+from icpshap.icp.matching import match, squared_distance, work_arrays
 from icpshap.icp.trimming import ROOM, SAMPLE, predicted_bands, sampled_bands, select
 
 REPEATED_LINKS = 5_000_000  # of runs repeated together with a band that holds all their links
-QUERIES = 32_768  # about that many are matched together: their arrays stay in the cache
+QUERIES = 49_152  # about that many are matched together: their arrays stay in the cache
 BLOCK = 256  # source points that are matched together at least
-PART = 256  # links whose features are written before their products: they stay in the cache
-AHEAD = 48  # links between asking for a reference point's cache line and reading it
+PART = 256  # links of a run's band that are added together
 BAND_LINK = np.dtype([("distance", "f8"), ("found", "i4"), ("position", "i4")])
 
 
@@ -54,7 +55,8 @@ class Band(NamedTuple):
 class Sums(NamedTuple):
     """Sums over links of R runs."""
 
-    gram: np.ndarray  # (R, FEATURES, ROW) Gram matrix of the kept links' features, and zeros
+    # (R + 1, PRODUCTS) upper triangle of the Gram matrix of the kept links' features; a spare one
+    products: np.ndarray
     kept: np.ndarray  # (R,) int64 links kept
     links: np.ndarray  # (R,) int64 links made
 
@@ -94,24 +96,94 @@ def make_band(room):
 
 
 @jit
+def _decide(points, batch, work, run, queries, first, matches, limit, bounds, band, sums, rows):
+    """Which links of a run are kept: those get their reference points as `rows`.
+
+    queries: (first, end) in `work`; first: place of the first one in `batch.positions`; bounds:
+    keys, as `keys.decide` takes them.
+    """
+    links, none = work.links, np.int32(points.shape[0])
+    lower, upper = band.lower[run], band.upper[run]
+    kept_key, dropped_key, made_key, unmade_key = bounds
+    kept = made = 0
+    end = queries[1] * matches
+    for part in range(queries[0] * matches, end, TOGETHER):
+        sure, within, unsure = decide(
+            links, part, end, kept_key, dropped_key, made_key, unmade_key, none, rows
+        )
+        kept += ones(sure)
+        made += ones(within)
+        while unsure:
+            bit = lowest(unsure)
+            unsure &= unsure - 1
+            link = part + bit
+            found = np.int32(links[link])
+            if found < 0:
+                continue
+            query = link // matches
+            x, y, z = work.x[query], work.y[query], work.z[query]
+            d2 = squared_distance(points, np.int64(found), x, y, z)
+            if d2 > limit:
+                continue
+            made += 1 - (within >> bit & 1)
+            if d2 < lower:
+                kept += 1 - (sure >> bit & 1)
+                rows[link] = found
+            elif d2 < upper:
+                entry = band.start[run] + band.count[run]
+                if entry < band.start[run + 1]:
+                    band.links[entry].distance = d2
+                    band.links[entry].found = found
+                    band.links[entry].position = batch.positions[first + query - queries[0]]
+                band.count[run] += 1
+    sums.kept[run] += kept
+    sums.links[run] += made
+
+
+@jit
+def _keys(lower, upper, limit, largest, rounded):
+    """Keys of a band and of the limit [m^2], as `keys.decide` takes them."""
+    made, unmade = known(limit, largest, rounded)
+    kept, _ = known(lower, largest, rounded)
+    _, dropped = known(upper, largest, rounded)
+    return min(kept, made), min(dropped, unmade), made, unmade
+
+
+@jit
+def _by_number(active, number):
+    """The active runs in the order of their number of queries (R,)."""
+    most = 0
+    for run in active:
+        most = max(most, number[run])
+    place = np.zeros(most + 2, np.int64)
+    for run in active:
+        place[number[run] + 1] += 1
+    for value in range(most + 1):
+        place[value + 1] += place[value]
+    ordered = np.empty(len(active), np.int64)
+    for run in active:
+        ordered[place[number[run]]] = run
+        place[number[run]] += 1
+    return ordered
+
+
+@jit
 def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, work, band, sums):
     """Match the active runs at poses T (R, 4, 4); sum the links below each run's band."""
     # Named once: taking an array out of a tuple, or a slice of one, costs more than a link.
     points, positions, block_start = batch.points, batch.positions, batch.block_start
     qx, qy, qz = work.x, work.y, work.z
-    gram, kept, links = sums.gram, sums.kept, sums.links
-    in_band, room = band.count, band.start
-    band_links, band_lower, band_upper = band.links, band.lower, band.upper
-    found = np.empty(qx.shape[0] * matches + AHEAD, np.int32)
-    distance = np.empty(qx.shape[0] * matches)
-    stack = np.empty(kdtree.STACK, np.int32)
-    near = np.empty(qx.shape[0] * matches + 1, np.int32)  # links of a run in its band
-    features = np.zeros((PART, ROW))
+    runs, spare = T.shape[0], qx.shape[0] - 1
+    rows = np.empty((spare + 1) * matches, np.int32)
+    rows[spare * matches :] = tree.points.shape[0]
+    rounded = np.empty(1, np.float32)
+    begin, number = np.zeros(runs + 1, np.int64), np.zeros(runs + 1, np.int64)
+    lane_run, lane_begin, lane_number = np.zeros((3, LANES), np.int64)
     for run in active:
-        gram[run] = 0.0
-        kept[run] = 0
-        links[run] = 0
-        in_band[run] = 0
+        sums.products[run] = 0.0
+        sums.kept[run] = 0
+        sums.links[run] = 0
+        band.count[run] = 0
     blocks = block_start.shape[1] - 1
     first = last = 0
     while last < blocks:
@@ -119,7 +191,7 @@ def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, w
         while last < blocks:
             for run in active:
                 expected += block_start[run, last + 1] - block_start[run, last]
-            if last > first and expected > qx.shape[0]:
+            if last > first and expected > work.where.shape[0]:
                 break
             last += 1
         count = 0
@@ -127,6 +199,7 @@ def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, w
             r00, r01, r02, tx = T[run, 0, 0], T[run, 0, 1], T[run, 0, 2], T[run, 0, 3]
             r10, r11, r12, ty = T[run, 1, 0], T[run, 1, 1], T[run, 1, 2], T[run, 1, 3]
             r20, r21, r22, tz = T[run, 2, 0], T[run, 2, 1], T[run, 2, 2], T[run, 2, 3]
+            begin[run] = count
             for k in range(block_start[run, first], block_start[run, last]):
                 p = positions[k]
                 x, y, z = points[p, 0], points[p, 1], points[p, 2]
@@ -134,38 +207,47 @@ def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, w
                 qy[count] = r10 * x + r11 * y + r12 * z + ty
                 qz[count] = r20 * x + r21 * y + r22 * z + tz
                 count += 1
-        match(tree, lists, matches, limit, count, work, found, distance, stack)
-        query = 0
+            number[run] = count - begin[run]
+        match(tree, lists, matches, limit, count, work)
         for run in active:
-            lower, upper = band_lower[run], band_upper[run]
-            row = made = inside = 0
-            position = block_start[run, first] - query  # where the position of query 0 would be
-            for _ in range(block_start[run, first], block_start[run, last]):
-                x, y, z = qx[query], qy[query], qz[query]
-                if row > PART - matches:
-                    add_products(features, row, gram, run)
-                    kept[run] += row
-                    row = 0
-                for link in range(query * matches, (query + 1) * matches):
-                    prefetch(surface, np.int64(found[link + AHEAD]) * surface.shape[1])
-                    d2 = distance[link]
-                    # Written for every link, as a branch costs more; the next one overwrites it.
-                    write_features(metric, x, y, z, surface, found[link], features, row)
-                    row += d2 < lower
-                    near[inside] = link
-                    inside += (d2 >= lower) & (d2 < upper)
-                    made += d2 < np.inf
-                query += 1
-            entry = room[run] + in_band[run]
-            for k in range(min(inside, room[run + 1] - entry)):
-                link = near[k]
-                band_links[entry + k].distance = distance[link]
-                band_links[entry + k].found = found[link]
-                band_links[entry + k].position = positions[position + link // matches]
-            in_band[run] += inside
-            add_products(features, row, gram, run)
-            kept[run] += row
-            links[run] += made
+            queries = (begin[run], begin[run] + number[run])
+            place = block_start[run, first]
+            bounds = _keys(band.lower[run], band.upper[run], limit, lists.largest, rounded)
+            _decide(
+                *(tree.points, batch, work, run, queries, place),
+                *(matches, limit, bounds, band, sums, rows),
+            )
+        # Lanes end together if their runs have equally many queries.
+        ordered = _by_number(active, number)
+        for group in range(0, len(ordered), LANES):
+            for lane in range(LANES):
+                run = ordered[group + lane] if group + lane < len(ordered) else runs
+                lane_run[lane], lane_begin[lane], lane_number[lane] = run, begin[run], number[run]
+            add_links(
+                *(metric, qx, qy, qz, rows, matches, surface),
+                *(lane_begin, lane_number, spare, sums.products, lane_run),
+            )
+
+
+@jit
+def _find_thresholds(active, rank, band, sums, threshold):
+    """Set each active run's threshold; NaN where its band does not contain it."""
+    room = 0
+    for run in active:
+        room = max(room, band.start[run + 1] - band.start[run])
+    values = np.empty(room)
+    for run in active:
+        first, count = band.start[run], band.count[run]
+        wanted = rank[run] - sums.kept[run]
+        threshold[run] = np.nan
+        if count > band.start[run + 1] - first:
+            continue
+        if rank[run] >= sums.links[run]:
+            threshold[run] = np.inf
+        elif 0 <= wanted < count:
+            for k in range(count):
+                values[k] = band.links[first + k].distance
+            threshold[run] = select(values, count, wanted)
 
 
 @jit
@@ -175,43 +257,44 @@ def settle(surface, batch, T, active, metric, rank, band, sums, threshold):
     rank: (R,) position of the threshold among a run's links; as many as its links: keep all.
     threshold: (R,) [m^2], set; NaN where the band does not contain it.
     """
-    features = np.zeros((PART, ROW))
-    gram, kept, links = sums.gram, sums.kept, sums.links
+    _find_thresholds(active, rank, band, sums, threshold)
     points, band_links = batch.points, band.links
-    room = 0
-    for run in active:
-        room = max(room, band.start[run + 1] - band.start[run])
-    values = np.empty(room)
-    for run in active:
-        first, count = band.start[run], band.count[run]
-        wanted = rank[run] - kept[run]
-        if count > band.start[run + 1] - first:
-            threshold[run] = np.nan
-            continue
-        if rank[run] >= links[run]:
-            threshold[run] = np.inf
-        elif 0 <= wanted < count:
-            for k in range(count):
-                values[k] = band_links[first + k].distance
-            threshold[run] = select(values, count, wanted)
-        else:
-            threshold[run] = np.nan
-            continue
-        row = 0
-        for entry in range(first, first + count):
-            if band_links[entry].distance <= threshold[run]:
-                p = band_links[entry].position
-                px, py, pz = points[p, 0], points[p, 1], points[p, 2]
-                x = T[run, 0, 0] * px + T[run, 0, 1] * py + T[run, 0, 2] * pz + T[run, 0, 3]
-                y = T[run, 1, 0] * px + T[run, 1, 1] * py + T[run, 1, 2] * pz + T[run, 1, 3]
-                z = T[run, 2, 0] * px + T[run, 2, 1] * py + T[run, 2, 2] * pz + T[run, 2, 3]
-                write_features(metric, x, y, z, surface, band_links[entry].found, features, row)
-                row += 1
-                kept[run] += 1
-                if row == PART:
-                    add_products(features, row, gram, run)
-                    row = 0
-        add_products(features, row, gram, run)
+    runs, spare = T.shape[0], LANES * PART
+    qx, qy, qz = np.zeros((3, spare + 1))
+    rows = np.full(spare + 1, surface.shape[0] - 1, np.int32)
+    lane_run, entry, end, number = np.zeros((4, LANES), np.int64)
+    lane_begin = np.arange(LANES) * PART
+    for group in range(0, len(active), LANES):
+        for lane in range(LANES):
+            run = active[group + lane] if group + lane < len(active) else runs
+            lane_run[lane], entry[lane], end[lane] = run, 0, 0
+            if run < runs and not np.isnan(threshold[run]):
+                entry[lane] = band.start[run]
+                end[lane] = band.start[run] + band.count[run]
+        while (entry < end).any():
+            for lane in range(LANES):
+                run, filled = lane_run[lane], lane_begin[lane]
+                while entry[lane] < end[lane] and filled < lane_begin[lane] + PART:
+                    link = band_links[entry[lane]]
+                    entry[lane] += 1
+                    if link.distance <= threshold[run]:
+                        p = link.position
+                        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+                        qx[filled] = T[run, 0, 0] * x + T[run, 0, 1] * y + T[run, 0, 2] * z
+                        qy[filled] = T[run, 1, 0] * x + T[run, 1, 1] * y + T[run, 1, 2] * z
+                        qz[filled] = T[run, 2, 0] * x + T[run, 2, 1] * y + T[run, 2, 2] * z
+                        qx[filled] += T[run, 0, 3]
+                        qy[filled] += T[run, 1, 3]
+                        qz[filled] += T[run, 2, 3]
+                        rows[filled] = link.found
+                        filled += 1
+                number[lane] = filled - lane_begin[lane]
+                if run < runs:
+                    sums.kept[run] += number[lane]
+            add_links(
+                *(metric, qx, qy, qz, rows, 1, surface),
+                *(lane_begin, number, spare, sums.products, lane_run),
+            )
 
 
 class KeptLinks:
@@ -232,7 +315,7 @@ class KeptLinks:
         self.threshold = np.full(runs, np.nan)
         self.previous = np.full(runs, np.nan)
         self.sums = Sums(
-            np.zeros((runs, FEATURES, ROW)),
+            np.zeros((runs + 1, PRODUCTS)),
             np.zeros(runs, dtype=np.int64),
             np.zeros(runs, dtype=np.int64),
         )
@@ -242,7 +325,7 @@ class KeptLinks:
             once_each(lambda run: run[:: max(chain.matches * len(run) // SAMPLE, 1)], positions),
         )
         largest_block = np.diff(self.batch.block_start, axis=1).sum(axis=0).max()
-        self.work = work_arrays(max(QUERIES, largest_block))
+        self.work = work_arrays(max(QUERIES, largest_block), chain.matches)
 
     def __call__(self, active, T):
         """Sums of the active runs' kept links at T (R, 4, 4), source to centred reference."""
@@ -281,6 +364,7 @@ class KeptLinks:
 
     def _sum(self, active, T, batch, band):
         limit = self.chain.maximum_distance
+        limit = np.inf if limit is None else limit * limit
         accumulate(
             self.tree,
             self.lists,
@@ -289,7 +373,7 @@ class KeptLinks:
             T,
             active,
             self.chain.matches,
-            np.inf if limit is None else limit * limit,
+            limit,
             self.chain.error_minimiser.metric,
             self.work,
             band,

@@ -5,10 +5,11 @@ time. Each list is then read once for all the queries in its cube, sixteen queri
 (`network`).
 
 Exactness: the network orders candidates in single precision and tells for which queries it is
-sure of the order; the others are repeated with full distances, equal ones by lowest index. All
-distances that are passed on are computed by the same operations as in the k-d tree, which answers
-the queries outside the lists, and those whose list is too long for the network: which way a query
-is answered cannot be seen in the result.
+sure of the order; the others are repeated with full distances, equal ones by lowest index. The k-d
+tree answers the queries outside the lists, and those whose list is too long for the network: which
+way a query is answered cannot be seen in the reference points that are found. Their distances are
+the network's keys, or full distances rounded to such; `keys` says up to which key a full
+distance is surely shorter than a bound, and from which one it is not, whichever way it was found.
 
 Measured: docs/engine.md.
 """
@@ -17,10 +18,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from icpshap.icp import kdtree
+from icpshap.icp import kdtree, keys
 from icpshap.icp.candidates import HEADER, SHORT, WORTH_SPLITTING, divide, locate
 from icpshap.icp.compiled import jit, prefetch
-from icpshap.icp.network import LANES, LONGEST, nearest_five, nearest_one, nearest_three
+from icpshap.icp.network import (
+    LANES,
+    LONGEST,
+    PLACE,
+    nearest_five,
+    nearest_one,
+    nearest_three,
+)
 
 GROUPS_AHEAD = 6  # groups before a list is read, it is asked for
 LINES_AHEAD = 5  # cache lines of it
@@ -30,43 +38,64 @@ LINKS_AHEAD = 24  # links before a point is read, it is asked for
 class Work(NamedTuple):
     """Arrays for queries that are matched together."""
 
-    x: np.ndarray  # (n,) queries [m]
+    x: np.ndarray  # (n + TOGETHER + 1,) queries [m]; the last one is none
     y: np.ndarray
     z: np.ndarray
+    # (n * matches + TOGETHER,) int64: key of each link's length in the upper half, reference point
+    # (tree order; -1 for none within the limit) in the lower; ascending for each query
+    links: np.ndarray
     where: np.ndarray  # (n,) int32 record of each query's list; later its group
-    ordered: np.ndarray  # (n + LANES, 4) x, y, z [m] and number of the queries, sorted by group
+    # (n + LANES, 4) float32 queries sorted by group: x, y, z [m]; the bits of their numbers
+    ordered: np.ndarray
     group_list: np.ndarray  # (n,) int32 record of each group
     group_end: np.ndarray  # (n,) int32 end of each group in `ordered`
-    place: np.ndarray  # (5 LANES,) int32 nearest candidates, one row of LANES for each rank
+    nearest: np.ndarray  # (5 LANES,) int32 keys of the nearest, one row of LANES for each rank
 
 
-def work_arrays(queries):
+def work_arrays(queries, matches):
     """Work for up to that many queries."""
-    coordinates = [np.empty(queries) for _ in range(3)]
+    # One place more than a pass over several links can write behind the last query.
+    coordinates = [np.zeros(queries + keys.TOGETHER + 1) for _ in range(3)]
     where, group_list, group_end = (np.empty(queries, dtype=np.int32) for _ in range(3))
     # The lanes behind the last query of a group are computed and ignored: they must exist.
-    ordered = np.zeros((queries + LANES, 4))
-    place = np.zeros(5 * LANES, dtype=np.int32)
-    return Work(*coordinates, where, ordered, group_list, group_end, place)
+    ordered = np.zeros((queries + LANES, 4), dtype=np.float32)
+    nearest = np.zeros(5 * LANES, dtype=np.int32)
+    links = np.zeros(queries * matches + keys.TOGETHER, dtype=np.int64)
+    return Work(*coordinates, links, where, ordered, group_list, group_end, nearest)
 
 
 @jit
-def _squared_distance(points, q, x, y, z):
+def squared_distance(points, q, x, y, z):
+    """From (x, y, z) to points[q] [m^2], by the operations of the k-d tree."""
     dx, dy, dz = points[q, 0] - x, points[q, 1] - y, points[q, 2] - z
     return dx * dx + dy * dy + dz * dz
 
 
 @jit
-def _scan(points, index, records, first, count, query, matches, found, distance, link):
-    """The k nearest of a list by full distances, lowest index on ties, from entry `link` on."""
-    for t in range(link, link + matches):
+def _scan(points, index, records, first, count, x, y, z, matches, found, distance):
+    """The k nearest of a list by full distances, lowest index on ties."""
+    for t in range(matches):
         found[t] = -1
         distance[t] = np.inf
     for k in range(count):
         q = records[first + k]
-        d2 = _squared_distance(points, q, query[0], query[1], query[2])
-        if d2 <= distance[link + matches - 1]:
-            kdtree.insert(found, distance, link, matches, q, d2, index)
+        d2 = squared_distance(points, q, x, y, z)
+        if d2 <= distance[matches - 1]:
+            kdtree.insert(found, distance, 0, matches, q, d2, index)
+
+
+@jit
+def _link(key, found):
+    return np.int64(key) << 32 | np.int64(np.uint32(found))
+
+
+@jit
+def _write_links(matches, found, distance, links, first, rounded):
+    """Links out of full distances; rounded: work array (1,) float32."""
+    key = rounded.view(np.int32)
+    for t in range(matches):
+        rounded[0] = min(distance[t], keys.LARGEST) if found[t] >= 0 else keys.LARGEST
+        links[first + t] = _link(key[0], found[t])
 
 
 @jit
@@ -74,6 +103,7 @@ def _sort_by_list(records, count, work):
     """Sort the queries with a list by list, in linear time; returns the number of groups."""
     x, y, z, where, ordered = work.x, work.y, work.z, work.where, work.ordered
     group_list, group_end = work.group_list, work.group_end
+    number = ordered.view(np.int32)
     groups = 0
     for i in range(count):
         record = where[i]
@@ -99,29 +129,33 @@ def _sort_by_list(records, count, work):
         if group >= 0:
             row = group_end[group]
             ordered[row, 0], ordered[row, 1], ordered[row, 2] = x[i], y[i], z[i]
-            ordered[row, 3] = i
+            number[row, 3] = i
             group_end[group] = row + 1
     return groups
 
 
 @jit
-def match(tree, lists, matches, limit, count, work, found, distance, stack):
-    """The k nearest reference points of the first `count` queries of `work`.
+def match(tree, lists, matches, limit, count, work):
+    """Links of the first `count` queries of `work` to their k nearest reference points.
 
-    found, distance: (count * matches,) position in tree order, squared distance [m^2]; ascending.
-    A link longer than the square root of `limit` is -1, infinity.
+    A link is left out only if it is longer than the square root of `limit`; some that are may stay.
     """
     # Named once: taking an array out of a tuple, or a slice of one, costs more than a distance.
     largest = lists.largest
     points, index, records, coarse = tree.points, tree.index, lists.records, lists.coarse
     qx, qy, qz, where, ordered = work.x, work.y, work.z, work.where, work.ordered
-    group_list, group_end, place = work.group_list, work.group_end, work.place
+    group_list, group_end, links = work.group_list, work.group_end, work.links
+    nearest = work.nearest
+    number = ordered.view(np.int32)
+    stack = np.empty(kdtree.STACK, np.int32)
+    found = np.empty(matches, np.int32)
+    distance = np.empty(matches)
+    rounded = np.empty(1, np.float32)
     locate(tree, lists, matches, qx, qy, qz, count, where)
     for i in range(count):
         if where[i] < 0:
-            kdtree.nearest(
-                tree, qx[i], qy[i], qz[i], matches, limit, found, distance, i * matches, stack
-            )
+            kdtree.nearest(tree, qx[i], qy[i], qz[i], matches, limit, found, distance, 0, stack)
+            _write_links(matches, found, distance, links, i * matches, rounded)
     groups = _sort_by_list(records, count, work)
     begin = 0
     for group in range(groups):
@@ -137,49 +171,58 @@ def match(tree, lists, matches, limit, count, work, found, distance, stack):
             records[record + 1] = min(scanned, WORTH_SPLITTING)
         if length > LONGEST:
             for row in range(begin, end):
-                x, y, z = ordered[row, 0], ordered[row, 1], ordered[row, 2]
-                link = np.int64(ordered[row, 3]) * matches
-                kdtree.nearest(tree, x, y, z, matches, limit, found, distance, link, stack)
+                i = number[row, 3]
+                kdtree.nearest(tree, qx[i], qy[i], qz[i], matches, limit, found, distance, 0, stack)
+                link = np.int64(i) * matches
+                _write_links(matches, found, distance, links, link, rounded)
             begin = end
         while begin < end:
             if matches == 1:
                 undecided = nearest_one(
-                    coarse, records, first, length, ordered, begin, largest, place
+                    coarse, records, first, length, ordered, begin, largest, nearest
                 )
             elif matches <= 3:
                 undecided = nearest_three(
-                    coarse, records, first, length, ordered, begin, largest, place
+                    coarse, records, first, length, ordered, begin, largest, nearest
                 )
             else:
                 undecided = nearest_five(
-                    coarse, records, first, length, ordered, begin, largest, place
+                    coarse, records, first, length, ordered, begin, largest, nearest
                 )
             for lane in range(min(LANES, end - begin)):
                 # Unsigned, or numba would ask of each index whether it counts from the end.
                 row = np.uint64(begin + lane)
-                link = np.uint64(ordered[row, 3]) * np.uint64(matches)
+                i = np.uint64(number[row, 3])
+                link = i * np.uint64(matches)
                 if undecided >> np.uint64(lane) & np.uint64(1):
-                    query = ordered[row]
-                    _scan(
-                        points, index, records, first, length, query, matches, found, distance, link
-                    )
+                    x, y, z = qx[i], qy[i], qz[i]
+                    _scan(points, index, records, first, length, x, y, z, matches, found, distance)
+                    _write_links(matches, found, distance, links, link, rounded)
                     continue
                 for t in range(matches):
-                    entry = np.uint64(first) + np.uint64(place[t * LANES + lane])
-                    found[link] = records[entry]
+                    key = nearest[np.uint64(t * LANES + lane)]
+                    entry = np.uint64(first) + np.uint64(key & PLACE)
+                    links[link] = _link(key, records[entry])
                     link += np.uint64(1)
             begin += LANES
         begin = end
-    # Full distances in the order of the queries, which streams, and only now, when it is known
-    # which points to ask for in advance.
+
+
+@jit
+def measure(points, limit, count, matches, work, found, distance):
+    """Reference points and squared lengths [m^2] of the first `count` queries' links.
+
+    found, distance: (count * matches,); -1 and infinity for those longer than the square root of
+    `limit`.
+    """
+    # In the order of the queries, which streams; it is known which points to ask for in advance.
+    links = work.links
     last = count * matches - 1
     for i in range(count):
-        x, y, z = qx[i], qy[i], qz[i]
+        x, y, z = work.x[i], work.y[i], work.z[i]
         for link in range(i * matches, (i + 1) * matches):
-            prefetch(points, 4 * found[min(link + LINKS_AHEAD, last)])
-            q = found[link]
-            d2 = _squared_distance(points, np.uint64(q), x, y, z) if q >= 0 else np.inf
-            if d2 > limit:
-                found[link] = -1
-                d2 = np.inf
-            distance[link] = d2
+            prefetch(points, 4 * np.int64(np.int32(links[min(link + LINKS_AHEAD, last)])))
+            q = np.int32(links[link])
+            d2 = squared_distance(points, np.uint64(q), x, y, z) if q >= 0 else np.inf
+            found[link] = q if d2 <= limit else -1
+            distance[link] = d2 if d2 <= limit else np.inf

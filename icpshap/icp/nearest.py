@@ -5,8 +5,7 @@ For estimators that linearise at a pose, or that move particles instead of whole
 
 import numpy as np
 
-from icpshap.icp import kdtree
-from icpshap.icp.matching import match, work_arrays
+from icpshap.icp.matching import match, measure, work_arrays
 from icpshap.icp.reference import checked_points
 
 QUERIES = 32_768  # are matched together: their arrays stay in the cache
@@ -18,10 +17,7 @@ class Matcher:
     def __init__(self, reference, matches=1):
         self.reference = reference
         self.matches = matches
-        self._work = work_arrays(QUERIES)
-        self._found = np.empty(QUERIES * matches, np.int32)
-        self._distance = np.empty(QUERIES * matches)
-        self._stack = np.empty(kdtree.STACK, np.int32)
+        self._work = work_arrays(QUERIES, matches)
 
     def __call__(self, points, limit=np.inf):
         """Squared distances [m^2] and rows of the matches of points (m, 3) [m], reference frame.
@@ -48,17 +44,5 @@ class Matcher:
         count = len(points)
         work, tree = self._work, self.reference.tree
         work.x[:count], work.y[:count], work.z[:count] = points.T
-        lists = self.reference.lists(self.matches)
-        match(
-            tree,
-            lists,
-            self.matches,
-            limit,
-            count,
-            work,
-            self._found,
-            self._distance,
-            self._stack,
-        )
-        found[:] = self._found[: len(found)]
-        distance[:] = self._distance[: len(distance)]
+        match(tree, self.reference.lists(self.matches), self.matches, limit, count, work)
+        measure(tree.points, limit, count, self.matches, work, found, distance)

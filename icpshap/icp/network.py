@@ -36,17 +36,17 @@ ABSOLUTE = 2.0**-20  # of the largest coordinate
 LARGEST = 1e15  # coordinate for which the network can decide anything [m]
 
 
-def _network(rows):
-    """A compiled function: the `rows` - 1 nearest candidates of LANES queries, ascending.
+def _network(ranks):
+    """A compiled function: the `ranks` - 1 nearest candidates of LANES queries, ascending.
 
     coarse: (n, 4) float32 points; records[first : first + count]: the candidates;
-    queries: (m, 4), of which those from `begin` on are meant; largest: size of any coordinate, at
-    least 1e-3; place: (rows - 1, LANES) int32, flat, set to places in the list. Returns the queries
-    that are not decided, one bit for each.
+    queries: (m, 4) float32, of which those from `begin` on are meant; largest: size of any
+    coordinate, at least 1e-3; key: (ranks - 1, LANES) int32, flat, set to the keys. Returns the
+    queries that are not decided, one bit for each.
     """
 
     @intrinsic
-    def nearest(typing_context, coarse, records, first, count, queries, begin, largest, place):
+    def nearest(typing_context, coarse, records, first, count, queries, begin, largest, key):
         def generate(context, builder, signature, arguments):
             def data(argument):
                 array = context.make_array(signature.args[argument])
@@ -69,20 +69,19 @@ def _network(rows):
             def constant(value, kind=integers):
                 return ir.Constant(kind, [ir.Constant(kind.element, value)] * LANES)
 
-            # Rows of four float64 to columns of float32.
-            all_rows = ir.VectorType(double, 4 * LANES)
+            # Rows of four to columns.
+            all_rows = ir.VectorType(real, 4 * LANES)
             start = builder.mul(arguments[5], ir.Constant(long, 4))
-            wide = builder.load(vector_at(data(4), start, all_rows), align=8)
-            narrow = builder.fptrunc(wide, ir.VectorType(real, 4 * LANES))
-            unused = ir.Constant(narrow.type, ir.Undefined)
+            rows = builder.load(vector_at(data(4), start, all_rows), align=4)
+            unused = ir.Constant(all_rows, ir.Undefined)
             query = []
             for axis in range(3):
                 column = [ir.Constant(integer, 4 * lane + axis) for lane in range(LANES)]
-                query.append(builder.shuffle_vector(narrow, unused, ir.Constant(integers, column)))
+                query.append(builder.shuffle_vector(rows, unused, ir.Constant(integers, column)))
 
             # A key above all others, yet a finite number.
             unset = np.float32(np.finfo(np.float32).max).view(np.int32)
-            smallest = [cgutils.alloca_once(builder, integers) for _ in range(rows)]
+            smallest = [cgutils.alloca_once(builder, integers) for _ in range(ranks)]
             for row in smallest:
                 builder.store(constant(int(unset)), row)
             with cgutils.for_range(builder, arguments[3]) as loop:
@@ -121,13 +120,13 @@ def _network(rows):
                 bound = builder.fmul(farther, constant(1.0 - RELATIVE, reals))
                 bound = builder.fsub(bound, builder.fmul(absolute, builder.call(root, [farther])))
                 decided = builder.and_(decided, builder.fcmp_ordered("<", nearer, bound))
-            for number, key in enumerate(keys[:-1]):
+            for number, nearest_key in enumerate(keys[:-1]):
                 address = vector_at(data(7), ir.Constant(long, number * LANES), integers)
-                builder.store(builder.and_(key, constant(PLACE)), address, align=4)
+                builder.store(nearest_key, address, align=4)
             bits = builder.bitcast(builder.not_(decided), ir.IntType(LANES))
             return builder.zext(bits, long)
 
-        inputs = (coarse, records, types.int64, types.int64, queries, types.int64, largest, place)
+        inputs = (coarse, records, types.int64, types.int64, queries, types.int64, largest, key)
         return types.uint64(*inputs), generate
 
     return nearest

@@ -58,13 +58,13 @@ def _smallest_eigenvector(matrix, vectors):
 
 @jit
 def planes(tree, neighbours, radius):
-    """Tangent planes (n, 4) in tree order: unit normal, and its product with the point [m].
+    """Tangent planes in tree order: unit normal, and its product with the point [m].
 
-    From that many neighbours, the point itself included, or from all within the radius [m] if these
-    are more.
+    (n + 1, 4); the last row is zero, for links to nothing. From that many neighbours, the point
+    itself included, or from all within the radius [m] if these are more.
     """
     n = tree.points.shape[0]
-    result = np.empty((n, 4))
+    result = np.zeros((n + 1, 4))
     found = np.empty(max(neighbours, n if radius > 0.0 else 0), np.int32)
     distance = np.empty(neighbours)
     stack = np.empty(kdtree.STACK, np.int32)

@@ -29,13 +29,13 @@ def checked_points(points, what):
     points = np.ascontiguousarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
         raise ValueError(f"{what}: expected points of shape (n, 3), n >= 1; got {points.shape}.")
-    finite = np.isfinite(points).all(axis=1)
-    if not finite.all():
+    if not np.isfinite(points).all():
+        finite = np.isfinite(points).all(axis=1)
         raise ValueError(
             f"{what}: {np.count_nonzero(~finite)} of {len(points)} points are not finite, the "
             f"first in row {np.argmin(finite)}. Hint: drop these rows before registration."
         )
-    farthest = np.abs(points).max()
+    farthest = max(points.max(), -points.min())
     if farthest > LARGEST_COORDINATE:
         raise ValueError(
             f"{what}: a coordinate of {farthest:.3g} m, expected at most {LARGEST_COORDINATE:.0e}. "
@@ -72,12 +72,16 @@ class Reference:
         del self._centred  # the tree holds them
         return tree
 
-    @functools.cached_property
+    @property
     def planes(self):
         """Unit normal, normal . point [m] (n, 4) in the tree's order. ValueError if n is too small.
 
         The sign of a normal is arbitrary.
         """
+        return self._planes_and_none[:-1]
+
+    @functools.cached_property
+    def _planes_and_none(self):
         if len(self) < self.normal_neighbours:
             raise ValueError(
                 f"Normals from {self.normal_neighbours} neighbours need as many reference points; "
@@ -97,11 +101,19 @@ class Reference:
         return result
 
     def surface(self, with_normals):
-        """What the features of a link to a point need, in the tree's order (n, 4).
+        """What the features of a link to a point need, in the tree's order, and a row of zeros.
 
-        The tangent plane or, without normals, x, y, z, 0. Rows of 32 bytes: half a cache line.
+        (n + 1, 4): the tangent plane or, without normals, x, y, z, 1. Rows of 32 bytes: half a
+        cache line.
         """
-        return self.planes if with_normals else self.tree.points
+        return self._planes_and_none if with_normals else self._points_and_none
+
+    @functools.cached_property
+    def _points_and_none(self):
+        surface = np.zeros((len(self) + 1, 4))
+        surface[:-1] = self.tree.points
+        surface[:-1, 3] = 1.0
+        return surface
 
     def lists(self, matches):
         """The candidate lists for that many matches, which fill as they are used."""

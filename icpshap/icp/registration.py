@@ -10,12 +10,12 @@ their order, nor how many fit into memory can change a bit of the result.
 Measured: docs/engine.md.
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from icpshap.icp import kdtree
 from icpshap.icp.accumulation import (
     BAND_LINK,
     BLOCK,
@@ -25,7 +25,10 @@ from icpshap.icp.accumulation import (
     band_room,
     once_each,
 )
+from icpshap.icp.circles import Circles
 from icpshap.icp.compiled import announce_compilation, jit
+from icpshap.icp.lanes import gram_matrices
+from icpshap.icp.order import spatial
 from icpshap.icp.reference import checked_points
 
 STATUS = ("ok", "max_iterations", "too_few_links", "degenerate")
@@ -63,10 +66,14 @@ def register(reference, source, rows, T_initial, chain):
             f"{len(reference)}. Hint: a larger cloud or fewer matches."
         )
     announce_compilation(accumulate)
-    order = kdtree.build(source).index
-    source = source[order]
+    used = np.zeros(len(source), dtype=bool)
+    for run in {id(run): run for run in rows}.values():
+        used[run] = True
+    used[0] |= not used.any()  # a cloud is not empty, whatever is used of it
+    order = spatial(source, np.flatnonzero(used))
     position = np.empty(len(source), dtype=np.int32)
-    position[order] = np.arange(len(source), dtype=np.int32)
+    position[order] = np.arange(len(order), dtype=np.int32)
+    source = source[order]
     result = Registrations(
         T_reference_source=T_initial.copy(),
         iterations=np.zeros(len(rows), dtype=np.int64),
@@ -124,17 +131,29 @@ def _batches(lengths, source_points, matches):
 
 
 @jit
-def _rotation_angles(T):
-    """Angles (R,) [rad] of the rotations of T (R, 4, 4)."""
-    # From sine and cosine, as precise for small angles as for large ones.
-    result = np.empty(len(T))
-    for run in range(len(T)):
-        x = T[run, 2, 1] - T[run, 1, 2]
-        y = T[run, 0, 2] - T[run, 2, 0]
-        z = T[run, 1, 0] - T[run, 0, 1]
-        cosine = T[run, 0, 0] + T[run, 1, 1] + T[run, 2, 2] - 1.0
-        result[run] = math.atan2(math.sqrt(x * x + y * y + z * z), cosine)
-    return result
+def _take(steps, active, T, angles, lengths, column):
+    """Take the steps (n, 4, 4) of the n active runs of T (R, 4, 4).
+
+    Their angles [rad] and lengths [m] are written to that column of angles and lengths (R, 3).
+    """
+    for number in range(len(active)):
+        run, step = active[number], steps[number]
+        # From sine and cosine, as precise for small angles as for large ones.
+        x = step[2, 1] - step[1, 2]
+        y = step[0, 2] - step[2, 0]
+        z = step[1, 0] - step[0, 1]
+        cosine = step[0, 0] + step[1, 1] + step[2, 2] - 1.0
+        angles[run, column] = math.atan2(math.sqrt(x * x + y * y + z * z), cosine)
+        before = T[run].copy()
+        for i in range(3):
+            for j in range(4):
+                T[run, i, j] = step[i, 3] * before[3, j]
+                for k in range(3):
+                    T[run, i, j] += step[i, k] * before[k, j]
+        moved = 0.0
+        for i in range(3):
+            moved += (T[run, i, 3] - before[i, 3]) ** 2
+        lengths[run, column] = math.sqrt(moved)
 
 
 def _register_batch(reference, points, positions, chain, batch, result):
@@ -150,29 +169,31 @@ def _register_batch(reference, points, positions, chain, batch, result):
     iterations = result.iterations[batch]
     status = result.status[batch]
     active = np.arange(runs)
-    for iteration in range(stopping.maximum_iterations):
+    circles = Circles(runs)
+    for turn in itertools.count():
         sums = kept_links(active, T @ T_start)
         enough = sums.kept[active] >= minimiser.minimum_links
         status[active[~enough]] = "too_few_links"
         active = active[enough]
-        step, determined = minimiser.step(sums.gram[active])
+        step, determined = minimiser.step(gram_matrices(sums.products[active]))
         status[active[~determined]] = "degenerate"
         active, step = active[determined], step[determined]
-        T_next = step @ T[active]
-        last = iteration % 3
-        angles[active, last] = _rotation_angles(step)
-        lengths[active, last] = np.linalg.norm(T_next[:, :3, 3] - T[active, :3, 3], axis=1)
-        T[active] = T_next
-        iterations[active] = iteration + 1
-        if iteration >= 2:
+        _take(step, active, T, angles, lengths, turn % 3)
+        iterations[active] += 1
+        if turn >= 2:
             still = angles[active].mean(axis=1) < stopping.rotation
             still &= lengths[active].mean(axis=1) < stopping.translation
             status[active[still]] = "ok"
             active = active[~still]
+        left = stopping.maximum_iterations - iterations[active]
+        left -= circles.whole_rounds(active, T, turn, left)
+        iterations[active] = stopping.maximum_iterations - left
+        active = active[left > 0]
         if len(active) == 0:
             break
     result.T_reference_source[batch] = T @ T_start
     result.T_reference_source[batch, :3, 3] += reference.mean
+    squared_error = minimiser.squared_error(gram_matrices(sums.products[:runs]))
     with np.errstate(invalid="ignore"):
-        result.rmse[batch] = np.sqrt(minimiser.squared_error(sums.gram) / sums.kept)
+        result.rmse[batch] = np.sqrt(squared_error / sums.kept)
     result.inlier_ratio[batch] = sums.kept / np.maximum(kept_links.possible, 1)

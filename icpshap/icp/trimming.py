@@ -18,10 +18,10 @@ import numpy as np
 from icpshap.icp import pivots
 from icpshap.icp.compiled import jit
 
-SAMPLE = 4096  # links from which the first band is estimated
+SAMPLE = 1024  # links from which the first band is estimated
 SAMPLE_WIDTH = 0.06  # of the band on either side of the rank, as a share of the links
-STEADY = 0.2  # largest relative change of the threshold from which the next one is predicted
-ROOM = 0.16  # share of a run's links that a band may hold
+STEADY = 0.25  # largest relative change of the threshold from which the next one is predicted
+ROOM = 0.2  # share of a run's links that a band may hold
 
 
 @jit
@@ -67,15 +67,20 @@ def sampled_bands(distance, start, count, active, ratio, lower, upper):
         values, links = distance[start[run] : start[run] + count[run]], count[run]
         below = int(links * (ratio - SAMPLE_WIDTH))
         above = int(links * (ratio + SAMPLE_WIDTH)) + 1
-        lower[run] = select(values, links, below) if 0 < below < links else -np.inf
         upper[run] = select(values, links, above) if above < links else np.inf
+        # What is above the upper end has been put behind it.
+        rest = min(above, links)
+        lower[run] = select(values, rest, below) if 0 < below < rest else -np.inf
 
 
 def predicted_bands(threshold, previous):
     """Bands (lower, upper) and where to use them, (R,) each, from the last two thresholds (R,)."""
     with np.errstate(invalid="ignore", divide="ignore"):
         change = threshold / previous
-    steady = np.abs(change - 1.0) < STEADY
+    away = np.abs(change - 1.0)
+    steady = away < STEADY
     change[~steady] = 1.0
-    width = 0.5 * np.abs(1.0 - change) + 0.02
-    return threshold * change * (1.0 - width), threshold * change * (1.0 + width), steady
+    # Thresholds level off, at times from one iteration to the next: between this change and none.
+    least = np.minimum(change - 0.3 * away, 1.0 - 0.05 * away) - 0.02
+    most = np.maximum(change + 0.3 * away, 1.0 + 0.05 * away) + 0.02
+    return threshold * least, threshold * most, steady

@@ -12,7 +12,7 @@ from test_registration import poses, room
 
 from icpshap import icp
 from icpshap.icp import candidates, kdtree, trimming
-from icpshap.icp.matching import match, work_arrays
+from icpshap.icp.matching import match, measure, work_arrays
 
 PLACE = np.array([3.1, 2.2, 1.3])
 ULP = np.spacing(PLACE[0])
@@ -168,15 +168,16 @@ def test_the_budget_of_fills_is_kept_and_changes_no_match(left):
     rng = np.random.default_rng(1)
     points = half_within_a_nanometre(2000, rng)
     reference = icp.Reference(points)
-    lists, count, stack = reference.lists(3), 2000, np.empty(kdtree.STACK, np.int32)
+    lists, count = reference.lists(3), 2000
     if left < np.inf:
         lists.used[2] = budget(lists, len(points)) + candidates.BUDGET_QUERY * count - left
     before = lists.used[2]
     queries = queries_around(PLACE, count, rng) - reference.mean
-    work = work_arrays(count)
-    work.x[:], work.y[:], work.z[:] = queries.T
+    work = work_arrays(count, 3)
+    work.x[:count], work.y[:count], work.z[:count] = queries.T
     found, distance = np.empty(3 * count, np.int32), np.empty(3 * count)
-    match(reference.tree, lists, 3, np.inf, count, work, found, distance, stack)
+    match(reference.tree, lists, 3, np.inf, count, work)
+    measure(reference.tree.points, np.inf, count, 3, work, found, distance)
     d2, index = brute_force(points - reference.mean, queries, 3)
     np.testing.assert_array_equal(distance.reshape(-1, 3), d2)
     np.testing.assert_array_equal(reference.tree.index[found].reshape(-1, 3), index)

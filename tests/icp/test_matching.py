@@ -7,11 +7,10 @@ from conftest import folder_in
 
 from icpshap import icp
 from icpshap.data.scans import read_scan
-from icpshap.icp import kdtree
 from icpshap.icp.candidates import HEADER, LEVELS, WORTH_SPLITTING
-from icpshap.icp.matching import match, work_arrays
+from icpshap.icp.matching import match, measure, work_arrays
 from icpshap.icp.nearest import QUERIES
-from icpshap.icp.network import LANES, nearest_three
+from icpshap.icp.network import LANES, PLACE, nearest_three
 
 GENERATORS = {
     "random": lambda rng: rng.normal(size=(2000, 3)),
@@ -67,13 +66,13 @@ def engine_matches(reference, queries, matches, limit=np.inf, room=None):
         lists = lists._replace(records=np.empty(room, dtype=np.int32))
     queries = queries - reference.mean
     count = len(queries)
-    work = work_arrays(count)
-    work.x[:], work.y[:], work.z[:] = queries.T
+    work = work_arrays(count, matches)
+    work.x[:count], work.y[:count], work.z[:count] = queries.T
     found = np.empty(count * matches, dtype=np.int32)
     distance = np.empty(count * matches)
-    stack = np.empty(kdtree.STACK, dtype=np.int32)
     for _ in range(LEVELS):
-        match(tree, lists, matches, limit, count, work, found, distance, stack)
+        match(tree, lists, matches, limit, count, work)
+        measure(tree.points, limit, count, matches, work, found, distance)
         divide_soon(lists)
     index = np.where(found >= 0, tree.index[found], -1)
     return distance.reshape(-1, matches), index.reshape(-1, matches), queries, reference
@@ -193,8 +192,8 @@ def test_full_lists_change_no_match(room):
 
 
 @numba.njit
-def network(coarse, records, queries, largest, place):
-    return nearest_three(coarse, records, 0, len(records), queries, 0, largest, place)
+def network(coarse, records, queries, largest, key):
+    return nearest_three(coarse, records, 0, len(records), queries, 0, largest, key)
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
@@ -203,7 +202,7 @@ def test_the_network_decides_nearly_all_queries_and_never_wrongly(scale):
     rng = np.random.default_rng(3)
     points = np.zeros((250, 4))
     queries = np.zeros((LANES, 4))
-    place = np.zeros(3 * LANES, dtype=np.int32)
+    key = np.zeros(3 * LANES, dtype=np.int32)
     records = np.arange(250, dtype=np.int32)
     decided = []
     for closeness in np.repeat([1.0, 1e-3, 1e-5, 1e-7, 0.0], 40):
@@ -212,12 +211,13 @@ def test_the_network_decides_nearly_all_queries_and_never_wrongly(scale):
         queries[:, :3] = scale * rng.uniform(-1, 1, 3)
         distances = scale * (1.0 + closeness * rng.uniform(-0.9, 0.9, 250))
         points[:, :3] = queries[0, :3] + directions * distances[:, None]
-        undecided = network(points.astype(np.float32), records, queries, 3.0 * scale, place)
+        coarse, single = points.astype(np.float32), queries.astype(np.float32)
+        undecided = network(coarse, records, single, 3.0 * scale, key)
         x, y, z, _ = (points - queries[0]).T
         expected = np.argsort(x * x + y * y + z * z, kind="stable")[:3]
         for lane in range(LANES):
             if not undecided >> lane & 1:
-                np.testing.assert_array_equal(place[lane::LANES], expected)
+                np.testing.assert_array_equal(key[lane::LANES] & PLACE, expected)
         decided.append(undecided == 0)
     assert np.mean(decided[:40]) > 0.9
     assert not np.any(decided[-80:])

@@ -8,8 +8,12 @@ import numpy as np
 import plain_icp
 import pytest
 import threadpoolctl
+from scipy.spatial.transform import Rotation
 
 from icpshap import icp, se3
+from icpshap.icp.circles import Circles
+from icpshap.icp.minimisers import rotations
+from icpshap.icp.order import spatial
 
 PLANES = icp.Chain()
 POINTS = icp.Chain(icp.PointToPoint(), matches=1, outlier_filter=icp.Trimmed(0.75))
@@ -166,6 +170,52 @@ def test_the_predicted_band_changes_nothing_but_rounding(pair, monkeypatch):
     repeated = icp.register(icp.Reference(reference), *arguments)
     np.testing.assert_allclose(repeated.T_reference_source, expected.T_reference_source, atol=1e-12)
     assert (repeated.iterations == expected.iterations).all()
+
+
+def test_rounds_that_are_skipped_change_nothing_but_rounding(monkeypatch):
+    """Runs that go in circles up to the maximum end where they end without skipping."""
+    reference, source = room(1500, 1, noise=0.03), room(1500, 2, noise=0.03)
+    arguments = (source, subsets(60, len(source), 0.5, 3), poses(60, 4))
+    skipping = Circles.whole_rounds
+    for maximum in (60, 61, 62, 63):
+        chain = icp.Chain(stopping=icp.Stopping(maximum, 1e-5, 1e-5))
+        skipped = []
+
+        def counting(self, *arguments, skipped=skipped):
+            skipped.append(skipping(self, *arguments).sum())
+            return skipping(self, *arguments)
+
+        monkeypatch.setattr(Circles, "whole_rounds", counting)
+        result = icp.register(icp.Reference(reference), *arguments, chain)
+        monkeypatch.setattr(Circles, "whole_rounds", lambda self, active, *_: 0 * active)
+        expected = icp.register(icp.Reference(reference), *arguments, chain)
+        assert sum(skipped) > 60
+        assert list(result.status) == list(expected.status)
+        np.testing.assert_array_equal(result.iterations, expected.iterations)
+        np.testing.assert_array_equal(result.inlier_ratio, expected.inlier_ratio)
+        np.testing.assert_allclose(
+            result.T_reference_source, expected.T_reference_source, rtol=0, atol=1e-12
+        )
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 9.9e-4, 1.1e-3, 1.0, 3.1])
+def test_rotations_of_small_and_large_vectors(angle):
+    vectors = np.random.default_rng(1).normal(size=(5, 3))
+    vectors *= angle / np.linalg.norm(vectors, axis=1)[:, None]
+    expected = Rotation.from_rotvec(vectors).as_matrix()
+    np.testing.assert_allclose(rotations(vectors), expected, rtol=0, atol=1e-15)
+
+
+def test_the_place_in_spatial_order_does_not_depend_on_the_other_points():
+    points = room(3000, 1)
+    rows = np.arange(3000)
+    everything = spatial(points, rows)
+    assert (np.sort(everything) == rows).all()
+    half = np.flatnonzero(np.random.default_rng(2).random(3000) < 0.5)
+    assert list(spatial(points, half)) == [row for row in everything if row in set(half)]
+    steps = np.linalg.norm(np.diff(points[everything], axis=0), axis=1)
+    assert np.median(steps) < np.median(np.linalg.norm(np.diff(points, axis=0), axis=1)) / 10
+    assert list(spatial(np.ones((4, 3)), np.array([1, 3]))) == [1, 3]
 
 
 def test_full_lists_are_started_anew(pair, monkeypatch):

@@ -1,0 +1,126 @@
+"""Keys: which links are kept, read off their single-precision lengths, sixteen at a time.
+
+Idea: the network has made a key of every link's squared length. Most links are far from the ends of
+their run's band, and the key alone says on which side they are; only where it leaves that open is
+the full length computed. Written in the compiler's vector instructions for the reason given in
+`network`.
+
+Exactness: let t be a squared length and K a key, without its place. By the proof in `network`, the
+length of the link is within e of one whose square is between K (1 - 6 u) and K (1 + 2^-15 + 6 u),
+u = 2^-24. So it is shorter than sqrt(t) if K < (sqrt(t) - e)^2 (1 - 2^-14), and not shorter if
+K >= (sqrt(t) + e)^2 (1 + 2^-14), which leaves room for the rounding of full lengths and of the
+bounds. As a key with its place is up to 255 units above K, the second bound is raised by as many.
+Full lengths rounded to single precision are keys within the same bounds, so whichever way a link
+was found, what is decided here is what its full length decides.
+
+Measured: docs/engine.md.
+"""
+
+import math
+
+import numpy as np
+from llvmlite import ir
+from numba.core import types
+from numba.extending import intrinsic
+
+from icpshap.icp.compiled import jit
+from icpshap.icp.network import ABSOLUTE, PLACE, RELATIVE
+
+TOGETHER = 16  # links
+NEVER = np.int32(0x7F800000)  # a key above all that are found
+LARGEST = float(np.finfo(np.float32).max)  # the largest key [m^2]
+
+
+@jit
+def known(bound, largest, rounded):
+    """Keys (below, from): links with a smaller one are shorter, with that or a larger one are not.
+
+    bound: squared length [m^2]; largest: `candidates.Lists.largest`; rounded: work array (1,)
+    float32.
+    """
+    key = rounded.view(np.int32)
+    if bound == np.inf:
+        return NEVER, NEVER
+    rounding = ABSOLUTE / 4 * largest
+    length = math.sqrt(max(bound, 0.0))
+    rounded[0] = max(length - rounding, 0.0) ** 2 * (1.0 - RELATIVE)
+    below = key[0]
+    rounded[0] = (length + rounding) ** 2 * (1.0 + RELATIVE)
+    return below, np.int32(min(key[0], NEVER - PLACE) + PLACE)
+
+
+@intrinsic
+def decide(typing_context, links, first, last, kept, dropped, made, unmade, none, rows):
+    """Rows of TOGETHER links from `first` on; what is known of those before `last`.
+
+    links: int64, `matching.Work.links`. Keys (int32): below `kept` a link is kept, from `dropped`
+    on it is neither kept nor in the band; below `made` it is within the distance limit, from
+    `unmade` on it is not. rows: int32, set to the reference point of a link that is surely kept, to
+    `none` for others. Returns three numbers of TOGETHER bits: links that are surely kept, that are
+    surely made, and about which it is not sure.
+    """
+
+    def generate(context, builder, signature, arguments):
+        def pointer(argument, kind):
+            array = context.make_array(signature.args[argument])
+            address = builder.gep(array(context, builder, arguments[argument]).data, [arguments[1]])
+            return builder.bitcast(address, ir.VectorType(kind, TOGETHER).as_pointer())
+
+        integer, long = ir.IntType(32), ir.IntType(64)
+        integers, longs = ir.VectorType(integer, TOGETHER), ir.VectorType(long, TOGETHER)
+        bits = ir.IntType(TOGETHER)
+
+        def everywhere(value):
+            single = builder.insert_element(
+                ir.Constant(integers, ir.Undefined), value, ir.Constant(integer, 0)
+            )
+            mask = ir.Constant(integers, [0] * TOGETHER)
+            return builder.shuffle_vector(single, ir.Constant(integers, ir.Undefined), mask)
+
+        pairs = builder.load(pointer(0, long), align=8)
+        shift = ir.Constant(longs, [ir.Constant(long, 32)] * TOGETHER)
+        keys = builder.trunc(builder.lshr(pairs, shift), integers)
+        found = builder.trunc(pairs, integers)
+        below_kept, below_dropped, below_made, below_unmade = (
+            builder.icmp_signed("<", keys, everywhere(bound)) for bound in arguments[3:7]
+        )
+        address = pointer(8, integer)
+        builder.store(builder.select(below_kept, found, everywhere(arguments[7])), address, align=4)
+        unsure = builder.or_(
+            builder.and_(builder.not_(below_kept), below_dropped),
+            builder.and_(builder.not_(below_made), below_unmade),
+        )
+        # Those from `last` on are another run's.
+        remaining = builder.sub(arguments[2], arguments[1])
+        whole = builder.icmp_signed(">=", remaining, ir.Constant(long, TOGETHER))
+        ones = builder.shl(ir.Constant(long, 1), remaining)
+        ones = builder.sub(ones, ir.Constant(long, 1))
+        ones = builder.select(whole, ir.Constant(long, (1 << TOGETHER) - 1), ones)
+        results = [
+            builder.and_(builder.zext(builder.bitcast(mask, bits), long), ones)
+            for mask in (below_kept, below_made, unsure)
+        ]
+        return context.make_tuple(builder, signature.return_type, results)
+
+    inputs = (links, types.int64, types.int64, *[types.int32] * 5, rows)
+    return types.UniTuple(types.int64, 3)(*inputs), generate
+
+
+@intrinsic
+def ones(typing_context, bits):
+    """How many bits of an int64 are set."""
+
+    def generate(context, builder, signature, arguments):
+        return builder.ctpop(arguments[0])
+
+    return types.int64(types.int64), generate
+
+
+@intrinsic
+def lowest(typing_context, bits):
+    """Place of the lowest bit that is set."""
+
+    def generate(context, builder, signature, arguments):
+        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
+
+    return types.int64(types.int64), generate
