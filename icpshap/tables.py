@@ -418,6 +418,26 @@ def _uncertainty(causes):
     ]
 
 
+def _covariances(causes):
+    return [
+        *_PAIR,
+        _REPLICATE,
+        *_values(causes),
+        _AGAIN,
+        Column("n_runs", "int32", "", "registrations that were run"),
+        Column("n_used", "int32", "", "runs that it is the covariance of, those of f"),
+        *_columns(TRANSFORM, "float64", "", "entry of the true T_reference_source, in m"),
+        *_columns(
+            COVARIANCE,
+            "float64",
+            _COVARIANCE_UNITS,
+            "entry of the covariance of xi in T_reference_source exp(xi), rotation first, in the "
+            "frame of the source, without the covariance floor; NaN of too few runs",
+        ),
+        _REASON,
+    ]
+
+
 def _shap(causes):
     return [
         *_PAIR,
@@ -527,6 +547,7 @@ TABLES = {
     "uncertainty": _uncertainty,
     "shap": _shap,
     "directions": _directions,
+    "covariances": _covariances,
     "resampled": _resampled,
 }
 WITH_CAUSES = (
@@ -536,6 +557,7 @@ WITH_CAUSES = (
     "uncertainty",
     "shap",
     "directions",
+    "covariances",
     "resampled",
 )
 

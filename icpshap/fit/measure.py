@@ -4,7 +4,6 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from icpshap import se3
-from icpshap.data import ground_truth
 from icpshap.errors import PerturbationError
 from icpshap.estimators import perturb
 from icpshap.geometry import nearest_distances, nearest_to_cell_centres
@@ -34,9 +33,7 @@ def measure(pair, estimator, levels, streams):
     reference = draws.seen_reference(clean, pair.reference, 0)
     of_normals = normals(reference, neighbourhood)
     in_range = [scan[draws.in_range(scan)] for scan in (pair.reference, pair.source)]
-    at_truth = ground_truth.measured(
-        pair.reference, pair.source, pair.T_reference_source, minimum_range
-    )
+    at_truth = pair.for_chain(minimum_range).at_truth
     return {
         **_options(estimator.perturbing),
         **of_normals,

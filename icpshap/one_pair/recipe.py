@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple, TextIO
+from typing import Any, TextIO
 
 import numpy as np
 import pandas as pd
@@ -18,10 +18,7 @@ from icpshap.errors import DataError, UserError
 from icpshap.estimators.callable_registration import called, called_name
 from icpshap.estimators.perturb import Draws, Streams, require_points
 from icpshap.explanation import games
-from icpshap.explanation.sample import samples
 from icpshap.explanation.scan_pair import ScanPair
-from icpshap.explanation.shapley import coalition_values
-from icpshap.explanation.uncertainty import covariances
 from icpshap.fit import checks
 from icpshap.fit.measure import measure
 from icpshap.one_pair.explanation import Explanation, Scans
@@ -109,10 +106,10 @@ def explain(
                 made.append(run.made(threads))
         finally:
             said.end()
-    tables = made[0].tables
+    tables = made[0]
     if asked.what_if:
         rows = [
-            (part, changes, found.tables["shap"])
+            (part, changes, found["shap"])
             for (part, changes, *_), found in zip(parts, made, strict=True)
         ]
         tables["what_if"] = what_if_tables.table(rows, tables["pairs"])
@@ -127,7 +124,6 @@ def explain(
     study = replace(study, options=_told(study.options))
     return Explanation(
         tables,
-        made[0].covariances,
         study,
         _told(asked.preset.options),
         asked.levels,
@@ -165,11 +161,13 @@ def fit_table(
 
 def _pair(reference, source, T, T_initial, asked, source_times=None):
     """The measured pair, and what is to be said of how its true pose was found."""
+    minimum_range = asked.preset.estimator.perturbing.minimum_range
     for points, what in ((reference, "reference"), (source, "source")):
-        check_scan(points, asked.preset.estimator.perturbing.minimum_range, what)
+        check_scan(points, minimum_range, what)
     T, truth = _truth(reference, source, T, T_initial, asked.preset)
     distance = asked.perturbation.overlap_distance
-    return Pair.measured(reference, source, T, distance, source_times), truth
+    pair = Pair.measured(reference, source, T, distance, source_times)
+    return pair.for_chain(minimum_range), truth
 
 
 def _truth(reference, source, T, T_initial, preset):
@@ -223,13 +221,6 @@ def _shares_of_points(preset, levels):
     return probability, probability / levels.get("icp_randomness", 1.0)
 
 
-class _Made(NamedTuple):
-    """Tables by name; covariances (2, 6, 6), clean and with all causes on."""
-
-    tables: dict
-    covariances: np.ndarray
-
-
 class _Run:
     """One explanation of a pair: `levels` with a preset."""
 
@@ -253,7 +244,7 @@ class _Run:
         }
 
     def made(self, threads):
-        """What comes of it, with so many threads: `_Made`."""
+        """What comes of it, with so many threads: tables by name."""
         row = self._describe()
         numbers = self.fit_numbers()
         settings = plan.settings({name: (level,) for name, level in self.levels.items()}, 1)
@@ -279,8 +270,7 @@ class _Run:
         for name, table in (("runs", runs), ("estimates", estimates)):
             if table is not None:
                 found[name] = table.assign(**where).reset_index(drop=True)
-        covariances = self._covariances(runs, estimates, instances, *read_by, scan_pair)
-        return _Made(found, covariances)
+        return found
 
     def scans(self):
         """The scans, and which of their points are left."""
@@ -309,14 +299,6 @@ class _Run:
             largest = plan.Setting.at(self.levels)
             require_points(self.pair, largest, self.estimator, self.streams)
         return row
-
-    def _covariances(self, runs, estimates, instances, off, returns, method, scan_pair):
-        """Covariances (2, 6, 6) of the clean setting and of all causes on, of the runs of f."""
-        length = scan_pair.characteristic_length
-        replicates = samples(runs, estimates, off, returns, method, length)
-        coalitions = coalition_values(instances[list(off)], list(off.values()))
-        rows = [sample.rows(coalitions) for sample in replicates]
-        return np.stack([covariances(replicates, rows, place, method)[0] for place in (0, -1)])
 
 
 class _Progress:
