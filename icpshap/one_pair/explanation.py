@@ -156,10 +156,8 @@ class Explanation:
         levels = {c: self.levels[c] if on else CAUSES[c].off for c in self.study.causes}
         row = table[~table.again & (table[list(levels)] == pd.Series(levels)).all(axis=1)]
         left_out = 1.0 - (row.n_used / row.n_runs).item()
-        rotation = self.T_reference_source[:3, :3]
-        return PoseCovariance(
-            covariances(row)[0], self.shares_of_points[int(on)], left_out, rotation
-        )
+        share = self.shares_of_points[int(on)]
+        return PoseCovariance(covariances(row)[0], share, left_out, self.T_reference_source)
 
     @property
     def f(self) -> float:

@@ -16,6 +16,8 @@ from matplotlib import pyplot
 import icpshap
 from icpshap import se3
 from icpshap.errors import DataError, UserError
+from icpshap.export import export
+from icpshap.export.measurement import read_covariances
 from icpshap.one_pair.threads import in_threads
 from icpshap.report import captions
 
@@ -364,3 +366,13 @@ def test_the_door_imports_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_what_was_saved_can_be_exported_with_the_same_numbers(explained, tmp_path):
+    path = tmp_path / "pair.zip"
+    explained.save(path)
+    texts, lost = export(read_covariances(path), "json", {})
+    (found,) = json.loads(texts[""])["measurements"]
+    assert lost == []
+    assert np.array(found["covariance"]).tobytes() == explained.covariance.matrix.tobytes()
+    assert found["levels"] == explained.levels
