@@ -392,7 +392,7 @@ NOTES_OF_TABLES = {
     "covariances": (
         "S of the runs that the setting's `f` in `uncertainty` is read off, without the floor; of "
         "estimators that return covariances, the mean of these over the noise draws. For SLAM: "
-        "`icpshap export`, [one_pair.md](one_pair.md#for-slam)."
+        "`icpshap export`, [export.md](export.md)."
     ),
     "descriptors": (
         "For experiments that an estimator of the kind `learned` names in `training`. Cells are "

@@ -149,13 +149,9 @@ def _export(given: argparse.Namespace) -> None:
 
     levels = {**(clean() if given.clean else {}), **_levels(given)}
     table = read_covariances(given.covariances)
-    texts, lost = export(table, given.to, levels, given.sequence)
-    if lost:
-        print(
-            f"icpshap: {len(lost)} pair(s) without a covariance are left out, the first is "
-            f"{lost[0]}.",
-            file=sys.stderr,
-        )
+    texts, remarks = export(table, given.to, levels, given.sequence)
+    for remark in remarks:
+        print(f"icpshap: {remark}", file=sys.stderr)
     if given.output is None:
         if len(texts) > 1:
             raise UserError(

@@ -60,8 +60,9 @@ def test_a_sequence_is_chosen_by_its_key():
 def test_what_has_no_covariance_is_left_out_and_named():
     frame = table()
     frame.loc[frame["reference"] == 1, "covariance_00"] = np.nan
-    texts, lost = export(frame, "g2o", {})
-    assert lost == ["drive 1-2"]
+    texts, (lost, runs) = export(frame, "g2o", {})
+    assert lost == "1 pair(s) without a covariance are left out, the first is drive 1-2."
+    assert runs.startswith("The covariances leave out up to 2% of the runs (drive 0-1)")
     assert texts[""].count("EDGE_SE3:QUAT") == 2
     frame["covariance_00"] = np.nan
     with pytest.raises(UserError, match=r"none of which has a covariance[\s\S]*Hint"):

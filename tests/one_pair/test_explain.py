@@ -371,8 +371,8 @@ def test_the_door_imports_nothing_heavy():
 def test_what_was_saved_can_be_exported_with_the_same_numbers(explained, tmp_path):
     path = tmp_path / "pair.zip"
     explained.save(path)
-    texts, lost = export(read_covariances(path), "json", {})
+    texts, remarks = export(read_covariances(path), "json", {})
     (found,) = json.loads(texts[""])["measurements"]
-    assert lost == []
+    assert remarks == []
     assert np.array(found["covariance"]).tobytes() == explained.covariance.matrix.tobytes()
     assert found["levels"] == explained.levels
