@@ -136,6 +136,7 @@ def _fit(given: argparse.Namespace) -> None:
         _transform(given.transform),
         causes=_causes(given),
         estimator=_estimator(given),
+        register=_register(given.register),
         T_initial=_transform(given.initial_transform),
     )
     for row in found.itertuples():
@@ -343,12 +344,6 @@ def _parser() -> argparse.ArgumentParser:
         commands, "explain", "explain the uncertainty of one pair", EXPLAIN_EXAMPLES, _explain
     )
     explain.add_argument(
-        "--register",
-        metavar="NAME",
-        help="another registration: small_gicp, open3d, or module:function of your own, a function "
-        "of reference, source and T_initial that returns T (4, 4)",
-    )
-    explain.add_argument(
         "--what-if",
         nargs="*",
         metavar="NAME:KEY=VALUE,..",
@@ -455,6 +450,12 @@ def _command(commands, name, purpose, examples, run):
         default=[],
         metavar="KEY=VALUE",
         help="another option of the estimator, as in normal_neighbours=30; may be repeated",
+    )
+    command.add_argument(
+        "--register",
+        metavar="NAME",
+        help="another registration: small_gicp, open3d, or module:function of your own, a function "
+        "of reference, source and T_initial that returns T (4, 4)",
     )
     command.add_argument(
         "--columns", metavar="x,y,z,..", help="columns of scan files that do not name theirs"

@@ -323,6 +323,7 @@ def _fit_numbers(causes):
         number("minimum_range", "m", "the option"),
         number("voxel_size", "m", "the option; NaN for none"),
         number("subsampling_probability", "", "the option"),
+        number("stop_rotation", "rad", "the option; NaN where the estimator has none"),
         number("neighbours", "", "of a normal; NaN where the estimator has none, as what follows"),
         number("normal_radius", "m", "median radius of the neighbourhoods that give normals"),
         number("line_share", "", "share of them that lie on a line"),

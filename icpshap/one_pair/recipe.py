@@ -16,7 +16,7 @@ from icpshap.data.pair import Pair, describe_pair
 from icpshap.data.scans import check_scan
 from icpshap.errors import DataError, UserError
 from icpshap.estimators.callable_registration import called, called_name
-from icpshap.estimators.perturb import Draws, Streams, require_points
+from icpshap.estimators.perturb import Draws, Streams, number_of_groups, require_points
 from icpshap.explanation import games
 from icpshap.explanation.scan_pair import ScanPair
 from icpshap.fit import checks
@@ -64,7 +64,9 @@ def explain(
             what a spinning scanner has, {"sensor_noise": 0.02, "initial_pose": 1.5,
             "partial_overlap": 0.05} (m, -, -).
         estimator: a preset ("lidar", "paper", "robust", "released_code"), a kind of estimator, a
-            mapping of options (`based_on` one of these; "lidar" unless said), or a `Preset`.
+            mapping of options, or a `Preset`. A mapping begins from `based_on`, one of these names;
+            without it from the defaults of the `kind` that it names, which are those of "paper",
+            and without either from "lidar".
         register: your own registration, a function (reference, source, T_initial) -> (4, 4), or
             its name as "module:function"; it is run as often as ICP would be, one at a time, and
             once before on the scans as they are. Options of the estimator that it does not take
@@ -75,7 +77,8 @@ def explain(
             explained again; True: more neighbours, a tighter stop, more points, a closer start.
         perturbation: what the causes refer to, where it is not the paper's: initial_pose_rotation
             [deg], initial_pose_translation [m], overlap_distance [m], minimum_overlap [-].
-        source_times: when each source point was measured (m,), for motion distortion.
+        source_times: when each source point was measured (m,), for the cause motion_distortion,
+            which must be one of `causes`.
         seed: of all random numbers; same seed, scans and options, same bytes.
         name, indices: the sequence and the scans that random numbers are drawn for: those of a
             workflow's pair give its numbers, to the byte.
@@ -88,6 +91,11 @@ def explain(
     reference, source = scan(reference, "reference"), scan(source, "source")
     source_times = times(source_times, len(source))
     asked = given(causes, estimator, register, what_if, perturbation, seed)
+    if source_times is not None and "motion_distortion" not in asked.levels:
+        raise UserError(
+            "source_times: given, and motion_distortion, which alone reads them, is no cause.\n"
+            'Hint: causes={..., "motion_distortion": 0.05}, or leave source_times out.'
+        )
     streams = Streams(asked.seed, *named_pair(name, indices))
     threads = cores() if threads is None else whole(threads, "threads", 1)
     parts: list[Any] = [(what_if_tables.AS_IT_IS, {}, asked.levels, asked.preset)]
@@ -141,17 +149,19 @@ def fit_table(
     *,
     causes: Mapping[str, float] | None = None,
     estimator: Any = "lidar",
+    register: Callable | str | None = None,
     T_initial: Any = None,
     perturbation: Mapping[str, float] | None = None,
     seed: int = SEED,
 ) -> pd.DataFrame:
     """Whether an estimator's options fit two scans, before any of its runs: the fit table.
 
-    Arguments and errors as of `explain`. A row a check: check, value, unit, expected, grade (red,
-    remark, fits), sentence, remedy; the gravest first.
+    Arguments and errors as of `explain`; `register` is called once, on the scans as they are. A row
+    a check: check, value, unit, expected, grade (red, remark, fits), sentence, remedy; the gravest
+    first.
     """
     reference, source = scan(reference, "reference"), scan(source, "source")
-    asked = given(causes, estimator, None, None, perturbation, seed)
+    asked = given(causes, estimator, register, None, perturbation, seed)
     with threadpool_limits(1):
         pair, truth = _pair(reference, source, T, T_initial, asked)
         streams = Streams(asked.seed, "pair", 0, 1)
@@ -248,6 +258,7 @@ class _Run:
         row = self._describe()
         numbers = self.fit_numbers()
         settings = plan.settings({name: (level,) for name, level in self.levels.items()}, 1)
+        self.said.of(number_of_groups(settings, self.estimator))
         step = self.said.step
         runs, estimates = estimators.estimate(
             self.pair,
@@ -306,7 +317,8 @@ class _Progress:
 
     def __init__(self, progress, parts):
         self.file = sys.stderr if progress is True else progress or None
-        self.parts, self.part, self.steps, self.name, self.width = parts, 0, 0, "", 0
+        self.parts, self.part, self.name, self.width = parts, 0, "", 0
+        self.steps, self.number = 0, None
         try:
             self._print("")
         except (AttributeError, TypeError, ValueError) as error:
@@ -316,7 +328,13 @@ class _Progress:
             ) from None
 
     def begin(self, name):
-        self.part, self.steps, self.name = self.part + 1, 0, name
+        self.part, self.name = self.part + 1, name
+        self.steps, self.number = 0, None
+        self._show()
+
+    def of(self, number):
+        """How many steps there will be of what has begun."""
+        self.number = number
         self._show()
 
     def step(self):
@@ -328,7 +346,8 @@ class _Progress:
             self._print("\n")
 
     def _show(self):
-        text = f"{self.name} ({self.part} of {self.parts}): {self.steps} steps"
+        steps = "" if self.number is None else f": step {self.steps} of {self.number}"
+        text = f"{self.name} ({self.part} of {self.parts}){steps}"
         self.width = max(self.width, len(text))  # what is longer must not show through
         self._print(f"\r{text:<{self.width}}")
 

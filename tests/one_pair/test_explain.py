@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import zipfile
-from io import BytesIO
+from io import BytesIO, StringIO
 
 import numpy as np
 import pytest
@@ -302,6 +302,7 @@ def test_a_failure_is_told_once(scans, caplog):
         ({"seed": -1}, "seed: -1"),
         ({"indices": (0,)}, "indices: "),
         ({"progress": "log.txt"}, "progress: 'log.txt' cannot be printed to"),
+        ({"source_times": np.arange(10.0)}, "source_times"),
         ({"progress": BytesIO()}, "progress: "),
     ],
 )
@@ -316,6 +317,36 @@ def test_scans_in_kilometres_are_an_error_that_names_them(scans, options, call):
     reference, source, T = scans
     with pytest.raises(DataError, match=r"reference: 0 of .* points are farther than 1"):
         call(reference / 1000, source / 1000, T, estimator=options)
+
+
+def test_times_that_no_cause_reads_are_an_error(scans, options):
+    moments = np.arange(len(scans[1]), dtype=float)
+    with pytest.raises(UserError, match=r"motion_distortion, which alone reads them[\s\S]*Hint"):
+        icpshap.explain(*scans, estimator=options, source_times=moments)
+
+
+def test_progress_says_how_many_steps_there_are(scans, options):
+    said = StringIO()
+    levels = {"initial_pose": 1.5}
+    few = {**options, "maximum_iterations": 5, "noise_draws": 3}
+    icpshap.explain(*scans, causes=levels, estimator=few, progress=said)
+    shown = [line.strip() for line in said.getvalue().split("\r") if line.strip()]
+    assert shown[0] == "as it is (1 of 1)"
+    steps = [line.partition(": ")[2] for line in shown[1:]]
+    assert steps == [f"step {k} of {len(steps) - 1}" for k in range(len(steps))]
+    assert len(steps) - 1 == 2 * 3  # the clean setting again has draws of its own
+
+
+def test_the_fit_of_a_registration_has_no_normals_of_ours(scans):
+    calls = []
+
+    def register(reference, source, T_initial):
+        calls.append(T_initial)
+        return T_initial
+
+    table = icpshap.fit_table(*scans, register=register)
+    assert len(calls) == 1
+    assert "true pose" in set(table.check) and "rings" not in set(table.check)
 
 
 def test_a_pile_of_equal_points_is_judged():
