@@ -383,11 +383,17 @@ ROWS = {
     "uncertainty": "a setting: a perturbation that was run on a pair",
     "shap": "an instance: a perturbation of a pair that is explained",
     "directions": "a direction of an instance, or the squared error of one",
+    "covariances": "a setting: how the pose varies in it",
     "resampled": "a bootstrap resample of an instance, for the ranking of the causes",
 }
 NOTES_OF_TABLES = {
     "runs": "For estimators that return pose samples. A job holds one pair or several.",
     "estimates": "For estimators that return covariances. A job holds one pair or several.",
+    "covariances": (
+        "S of the runs that the setting's `f` in `uncertainty` is read off, without the floor; of "
+        "estimators that return covariances, the mean of these over the noise draws. For SLAM: "
+        "`icpshap export`, [export.md](export.md)."
+    ),
     "descriptors": (
         "For experiments that an estimator of the kind `learned` names in `training`. Cells are "
         f"cubes of {CELL} m in which both scans have points; everything is in the source's axes."

@@ -1,4 +1,4 @@
-"""The command icpshap: explain one pair of scans, or say whether the options fit it.
+"""The command icpshap: explain one pair, say whether the options fit it, export covariances.
 
 Exit status: 0 done, 1 data or options that cannot be used, 2 a wrong command line, 130 stopped.
 """
@@ -30,6 +30,14 @@ FIT_EXAMPLES = """\
 examples:
   icpshap fit reference.pcd source.pcd --transform T.txt
   icpshap fit a.ply b.ply --estimator paper
+"""
+EXPORT_EXAMPLES = """\
+examples:
+  icpshap export results/drive/drive/covariances.parquet --to g2o --output drive.g2o
+  icpshap export covariances.parquet --to tum --output drive.tum     and drive_covariances.tum
+  icpshap export covariances.parquet --to gtsam --clean > drive.g2o  without any perturbation
+  icpshap export covariances.parquet --to markdown                   a noise model to paste
+  icpshap export pair.zip --to ros                                   what explain --save wrote
 """
 
 
@@ -128,10 +136,36 @@ def _fit(given: argparse.Namespace) -> None:
         _transform(given.transform),
         causes=_causes(given),
         estimator=_estimator(given),
+        register=_register(given.register),
         T_initial=_transform(given.initial_transform),
     )
     for row in found.itertuples():
         print(f"{row.grade:<7} {row.check:<17} {checks.said(row)}")
+
+
+def _export(given: argparse.Namespace) -> None:
+    from icpshap.export import clean, export
+    from icpshap.export.measurement import read_covariances
+    from icpshap.one_pair.explanation import writable
+
+    levels = {**(clean() if given.clean else {}), **_levels(given)}
+    table = read_covariances(given.covariances)
+    texts, remarks = export(table, given.to, levels, given.sequence)
+    for remark in remarks:
+        print(f"icpshap: {remark}", file=sys.stderr)
+    if given.output is None:
+        if len(texts) > 1:
+            raise UserError(
+                f"--to {given.to}: makes {len(texts)} files, expected --output.\n"
+                f"Hint: --output drive.{given.to}"
+            )
+        print(texts[""], end="")
+        return
+    place = Path(given.output)
+    for mark, text in texts.items():
+        path = place.with_name(f"{place.stem}{mark}{place.suffix}")
+        with writable(path):
+            path.write_text(text, encoding="utf-8", newline="\n")
 
 
 # --- what was typed -------------------------------------------------------------------------------
@@ -174,10 +208,16 @@ def _causes(given):
     from icpshap.causes import CAUSES
     from icpshap.one_pair.given import CAUSES_GIVEN
 
-    typed = {name: getattr(given, name) for name in CAUSES if getattr(given, name) is not None}
-    levels = {**CAUSES_GIVEN, **typed}
+    levels = {**CAUSES_GIVEN, **_levels(given)}
     # What is off is no cause; where all are, the check of the causes says so.
     return {name: level for name, level in levels.items() if level != CAUSES[name].off} or levels
+
+
+def _levels(given):
+    """The levels that were typed, by cause."""
+    from icpshap.causes import CAUSES
+
+    return {name: getattr(given, name) for name in CAUSES if getattr(given, name) is not None}
 
 
 def _estimator(given):
@@ -296,18 +336,12 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="icpshap",
         description="Why is the registration of two scans uncertain?",
-        epilog="icpshap explain --help and icpshap fit --help have examples.",
+        epilog="icpshap explain --help, and that of the others, has examples.",
     )
     parser.add_argument("--version", action="version", version=f"icpshap {__version__}")
     commands = parser.add_subparsers(required=True, metavar="command")
     explain = _command(
         commands, "explain", "explain the uncertainty of one pair", EXPLAIN_EXAMPLES, _explain
-    )
-    explain.add_argument(
-        "--register",
-        metavar="NAME",
-        help="another registration: small_gicp, open3d, or module:function of your own, a function "
-        "of reference, source and T_initial that returns T (4, 4)",
     )
     explain.add_argument(
         "--what-if",
@@ -335,14 +369,47 @@ def _parser() -> argparse.ArgumentParser:
     explain.add_argument("--save", metavar="FILE", help="write all of it, for Explanation.load")
     explain.add_argument("--quiet", action="store_true", help="print nothing but errors, and JSON")
     _command(commands, "fit", "whether the options fit two scans, without ICP", FIT_EXAMPLES, _fit)
+    _export_command(commands)
     return parser
 
 
-def _command(commands, name, purpose, examples, run):
-    """A command with the arguments that all have."""
+def _export_command(commands):
     from icpshap.causes import CAUSES
-    from icpshap.one_pair.given import CAUSES_GIVEN, PRESETS
+    from icpshap.export import FORMATS
 
+    purpose = "write covariances for other programs"
+    command = _bare(commands, "export", purpose, EXPORT_EXAMPLES, _export)
+    command.add_argument(
+        "covariances",
+        help="covariances.parquet of the workflow, or a file that explain --save wrote",
+    )
+    command.add_argument(
+        "--to",
+        required=True,
+        choices=tuple(FORMATS),
+        help="; ".join(f"{name}: {known.meaning}" for name, known in FORMATS.items()),
+    )
+    command.add_argument("--output", metavar="FILE", help="where to (standard output)")
+    command.add_argument("--sequence", metavar="KEY", help="of a table of several sequences")
+    command.add_argument("--clean", action="store_true", help="all causes off, not on")
+    causes = command.add_argument_group("levels of the causes, where the table has several")
+    for cause in CAUSES.values():
+        _level(causes, cause, f"off is {cause.off:g}")
+
+
+def _level(group, cause, told):
+    """The option that gives the level of a cause."""
+    unit = f" [{cause.unit}]" if cause.unit else ""
+    group.add_argument(
+        f"--{cause.name.replace('_', '-')}",
+        type=float,
+        metavar=cause.symbol,
+        help=f"{cause.title}{unit} ({told})",
+    )
+
+
+def _bare(commands, name, purpose, examples, run):
+    """A command without arguments."""
     command = commands.add_parser(
         name,
         help=purpose,
@@ -351,6 +418,15 @@ def _command(commands, name, purpose, examples, run):
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.set_defaults(run=run)
+    return command
+
+
+def _command(commands, name, purpose, examples, run):
+    """A command with the arguments that those of two scans have."""
+    from icpshap.causes import CAUSES
+    from icpshap.one_pair.given import CAUSES_GIVEN, PRESETS
+
+    command = _bare(commands, name, purpose, examples, run)
     command.add_argument("reference", help="scan that is registered onto")
     command.add_argument("source", help="scan that is moved")
     command.add_argument(
@@ -376,18 +452,18 @@ def _command(commands, name, purpose, examples, run):
         help="another option of the estimator, as in normal_neighbours=30; may be repeated",
     )
     command.add_argument(
+        "--register",
+        metavar="NAME",
+        help="another registration: small_gicp, open3d, or module:function of your own, a function "
+        "of reference, source and T_initial that returns T (4, 4)",
+    )
+    command.add_argument(
         "--columns", metavar="x,y,z,..", help="columns of scan files that do not name theirs"
     )
     causes = command.add_argument_group("levels of the causes")
     for cause in CAUSES.values():
-        unit = f" [{cause.unit}]" if cause.unit else ""
         usual = CAUSES_GIVEN.get(cause.name)
-        causes.add_argument(
-            f"--{cause.name.replace('_', '-')}",
-            type=float,
-            metavar=cause.symbol,
-            help=f"{cause.title}{unit} ({f'{usual:g}' if usual else 'off'}; off is {cause.off:g})",
-        )
+        _level(causes, cause, f"{f'{usual:g}' if usual else 'off'}; off is {cause.off:g}")
     return command
 
 

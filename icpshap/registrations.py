@@ -5,6 +5,10 @@ it returns the pose (4, 4), T_reference_source, that maps source coordinates to 
 One thread each: jobs are parallel by processes, and the order of sums must not vary.
 """
 
+from functools import lru_cache
+
+import numpy as np
+
 
 def small_gicp(reference, source, T_initial):
     """Generalised ICP of small_gicp on clouds thinned to a grid of 0.25 m, with links up to 1 m."""
@@ -30,16 +34,26 @@ def open3d(reference, source, T_initial):
     from icpshap.data.open3d_loader import load_open3d
 
     open3d = load_open3d()
-    clouds = [
-        open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
-        for points in (reference, source)
-    ]
-    clouds[0].estimate_normals(open3d.geometry.KDTreeSearchParamKNN(20))
     result = open3d.pipelines.registration.registration_icp(
-        clouds[1],
-        clouds[0],
+        open3d.geometry.PointCloud(open3d.utility.Vector3dVector(source)),
+        _with_normals(np.asarray(reference, dtype=float).tobytes()),
         max_correspondence_distance=1.0,
         init=T_initial,
-        estimation_method=(open3d.pipelines.registration.TransformationEstimationPointToPlane()),
+        estimation_method=open3d.pipelines.registration.TransformationEstimationPointToPlane(),
     )
     return result.transformation
+
+
+@lru_cache(maxsize=1)
+def _with_normals(points):
+    """Open3D's cloud of points, the bytes of float64 (n, 3), with normals.
+
+    Kept for the next call: many have the same reference, each a copy of its own.
+    """
+    from icpshap.data.open3d_loader import load_open3d
+
+    open3d = load_open3d()
+    array = np.frombuffer(points).reshape(-1, 3).copy()  # Open3D takes none that is read-only
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(array))
+    cloud.estimate_normals(open3d.geometry.KDTreeSearchParamKNN(20))
+    return cloud

@@ -323,6 +323,7 @@ def _fit_numbers(causes):
         number("minimum_range", "m", "the option"),
         number("voxel_size", "m", "the option; NaN for none"),
         number("subsampling_probability", "", "the option"),
+        number("stop_rotation", "rad", "the option; NaN where the estimator has none"),
         number("neighbours", "", "of a normal; NaN where the estimator has none, as what follows"),
         number("normal_radius", "m", "median radius of the neighbourhoods that give normals"),
         number("line_share", "", "share of them that lie on a line"),
@@ -415,6 +416,26 @@ def _uncertainty(causes):
         Column("rotation_rmse", "float64", "rad", "root mean square of that angle"),
         Column("success_rate", "float64", "", "share of all runs within 0.1 m and 2 degrees"),
         *_REMARKS,
+    ]
+
+
+def _covariances(causes):
+    return [
+        *_PAIR,
+        _REPLICATE,
+        *_values(causes),
+        _AGAIN,
+        Column("n_runs", "int32", "", "registrations that were run"),
+        Column("n_used", "int32", "", "runs that it is the covariance of, those of f"),
+        *_columns(TRANSFORM, "float64", "", "entry of the true T_reference_source, in m"),
+        *_columns(
+            COVARIANCE,
+            "float64",
+            _COVARIANCE_UNITS,
+            "entry of the covariance of xi in T_reference_source exp(xi), rotation first, in the "
+            "frame of the source, without the covariance floor; NaN of too few runs",
+        ),
+        _REASON,
     ]
 
 
@@ -527,6 +548,7 @@ TABLES = {
     "uncertainty": _uncertainty,
     "shap": _shap,
     "directions": _directions,
+    "covariances": _covariances,
     "resampled": _resampled,
 }
 WITH_CAUSES = (
@@ -536,6 +558,7 @@ WITH_CAUSES = (
     "uncertainty",
     "shap",
     "directions",
+    "covariances",
     "resampled",
 )
 

@@ -310,6 +310,7 @@ def fit_numbers(pairs, **changed):
         "minimum_range": 1.0,
         "voxel_size": np.nan,
         "subsampling_probability": 0.05,
+        "stop_rotation": 1e-3,
         "neighbours": 7.0,
         "normal_radius": 0.06,
         "line_share": 0.0,

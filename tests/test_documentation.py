@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from textwrap import indent
 
+import known_measurements
 import numpy as np
 import pandas as pd
 import pytest
@@ -25,6 +26,7 @@ from icpshap import config as settings
 from icpshap.estimators import KINDS
 from icpshap.estimators.perturb import Perturbation
 from icpshap.explanation import readings
+from icpshap.export import FORMATS
 from icpshap.one_pair import given
 from icpshap.one_pair.explanation import Explanation
 
@@ -198,6 +200,9 @@ ONE_PAIR_COMMANDS = [
 @pytest.mark.parametrize("line", ONE_PAIR_COMMANDS)
 def test_commands_of_one_pair_are_valid(line):
     typed = cli._parser().parse_args(cli._joined(shlex.split(line)))
+    if "to" in typed:
+        assert typed.to in FORMATS
+        return
     changes = cli._what_if(typed.what_if) if "what_if" in typed else None
     asked = given.given(cli._causes(typed), cli._estimator(typed), None, changes, None)
     assert asked.levels
@@ -571,6 +576,16 @@ def format_of_the_page():
     namespace = {}
     exec(dict(named_blocks())["icpshap/data/formats/blank_separated.py"], namespace)
     return namespace
+
+
+def test_the_export_format_works():
+    namespace = {"__name__": "deviations"}
+    exec(dict(named_blocks())["icpshap/export/deviations.py"], namespace)
+    lines = namespace["Deviations"]().texts(known_measurements.drive())[""].splitlines()
+    assert [line.split()[:2] for line in lines] == [["0", "1"], ["1", "2"], ["2", "3"]]
+    deviations = np.array(lines[0].split()[2:], dtype=float)
+    covariance = known_measurements.drive()[0].covariance
+    np.testing.assert_array_equal(deviations, np.sqrt(np.diagonal(covariance)))
 
 
 def example(name):

@@ -9,6 +9,8 @@ import yaml
 from conftest import REPOSITORY
 from project import TINY, TINY_ESTIMATORS, Project, change
 
+from icpshap import cli
+
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
@@ -26,7 +28,7 @@ def project(tmp_path):
 def test_everything_is_made(finished):
     results = finished.folder / "results"
     for experiment in ("tiny_grid", "tiny_fixed"):
-        for table in ("uncertainty", "shap", "fit"):
+        for table in ("uncertainty", "shap", "covariances", "fit"):
             assert (results / experiment / f"{table}.parquet").is_file()
     shap = pd.read_parquet(results / "tiny_grid" / "shap.parquet")
     assert len(shap) == 8
@@ -36,6 +38,19 @@ def test_everything_is_made(finished):
     assert shap["f"].iloc[-1] > 1
     fixed = pd.read_parquet(results / "tiny_fixed" / "shap.parquet")
     assert list(fixed["sequence"]) == ["tiny_room", "tiny_stairs", "tiny_stairs"]
+
+
+def test_covariances_are_exported(finished, capsys):
+    results = finished.folder / "results" / "tiny_fixed"
+    of_all = str(results / "covariances.parquet")
+    assert cli.main(["export", of_all, "--to", "g2o"]) == 1
+    assert "expected one" in capsys.readouterr().err
+    assert cli.main(["export", of_all, "--to", "g2o", "--sequence", "tiny_stairs"]) == 0
+    said = capsys.readouterr().out
+    assert said.count("EDGE_SE3:QUAT") == 2
+    of_sequence = str(results / "tiny_stairs" / "covariances.parquet")
+    assert cli.main(["export", of_sequence, "--to", "g2o"]) == 0
+    assert capsys.readouterr().out == said
 
 
 def test_how_the_settings_fit_is_said_before_any_icp_and_stands_in_one_table(finished):

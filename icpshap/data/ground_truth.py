@@ -50,23 +50,31 @@ def measured(reference, source, T_reference_source, minimum_range):
 
 
 def ground_truth_distance(reference, source, T_reference_source, minimum_range):
-    """Median distance [m] from source points to their nearest reference point, and a warning.
+    """Median distance [m] from source points to their nearest reference point, and `warning`.
 
-    Arguments as of `measured`. The warning, "" if all is well, says that the median is above 0.2 m
-    (less than half of the source overlaps), or that the clouds fit better with no motion or with
-    the inverse motion (poses of the wrong convention).
+    Arguments as of `measured`.
     """
-    distance, better, other = measured(reference, source, T_reference_source, minimum_range)
+    fit = measured(reference, source, T_reference_source, minimum_range)
+    return fit.distance, warning(fit)
+
+
+def warning(fit):
+    """What is wrong with the true pose by a `Fit`; "" if all is well.
+
+    The median distance is above 0.2 m (less than half of the source overlaps), or the clouds fit
+    better with no motion or with the inverse motion (poses of the wrong convention).
+    """
+    distance, better, other = fit
     if better:
-        return distance, (
+        return (
             f"the ground truth looks wrong: {better} the clouds are nearer to each other"
             f" (median {other:.3f} m) than at it ({distance:.3f} m). Hint: poses map scanner to"
             " global frame, and line k belongs to scan k."
         )
     if distance > OVERLAP_DISTANCE:
-        return distance, (
+        return (
             f"the ground truth looks wrong, or the scans hardly overlap: at it, half of the source"
             f" points are farther than {distance:.3f} m from the reference (usual: below"
             f" {OVERLAP_DISTANCE} m). Hint: check units (metres) and the order of scans and poses."
         )
-    return distance, ""
+    return ""

@@ -2,11 +2,12 @@
 
 import logging
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from icpshap import se3, tables
-from icpshap.data.ground_truth import ground_truth_distance
+from icpshap.data import ground_truth
 from icpshap.data.scans import check_scan
 from icpshap.errors import DataError, PerturbationError
 from icpshap.geometry import nearest_distances, root_mean_square_distance
@@ -61,6 +62,13 @@ class Pair:
     def overlap_in_range(self):
         """Mask (m,) of the overlapping source points beyond the chain's minimum range."""
         return self.overlapping & (np.linalg.norm(self.source, axis=1) > self.minimum_range)
+
+    @cached_property
+    def at_truth(self):
+        """How near the scans beyond the chain's minimum range lie at the true pose."""
+        return ground_truth.measured(
+            self.reference, self.source, self.T_reference_source, self.minimum_range
+        )
 
     @property
     def characteristic_length(self):
@@ -118,11 +126,9 @@ def describe_pair(pair, sequence, indices, *, levels, minimum_overlap, minimum_r
         except PerturbationError as error:
             where = f"{sequence}, scans {reference} and {source}"
             raise PerturbationError(f"{where}: {error}") from None
-    distance, warning = ground_truth_distance(
-        pair.reference, pair.source, pair.T_reference_source, minimum_range
-    )
+    distance = pair.at_truth.distance
     log.info("overlap %.4f, median distance at the true pose %.4f m", pair.overlap, distance)
-    warning = "; ".join(filter(None, (warning, truth)))
+    warning = "; ".join(filter(None, (ground_truth.warning(pair.at_truth), truth)))
     if pair.overlap > 1:
         more = (
             f"the overlap ratio is {pair.overlap:.2f}, above 1: the source has more points than the"

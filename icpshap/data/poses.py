@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from icpshap import rigid
 from icpshap.data import drives, quaternions
 from icpshap.data.files import readable
 from icpshap.data.layout import LEICA_NAME, MINIMUM_SCANS
 from icpshap.errors import DataError
 
-ROTATION_TOLERANCE = 1e-4
 MAXIMUM_TRANSLATION = 1e7  # m; coordinates from the centre of the Earth are within
 MAXIMUM_BYTES = 2**26  # of a pose file: more than 100,000 poses
 NUMBER = r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?"
@@ -72,7 +72,7 @@ def read_poses(path, scans, names=None, quaternion=None, scan=None):
         raise _wrong_number(path, len(found.lines), scans)
     poses = _matrices(path, found, comments, quaternion, scan)
     for line, pose in zip(found.lines, poses, strict=True):
-        _check_pose(f"{path}, line {line}", pose)
+        check_pose(f"{path}, line {line}", pose)
     return poses
 
 
@@ -95,14 +95,14 @@ def read_transforms(path):
         )
     transforms = _of_rows(found.values)
     for line, transform in zip(found.lines, transforms, strict=True):
-        _check_pose(f"{path}, line {line}", transform)
+        check_pose(f"{path}, line {line}", transform)
     return transforms
 
 
 def transform_of(values, where):
     """The transform (4, 4) of 12 or 16 numbers, row-major. Raises DataError if it is none."""
     transform = _of_rows(np.array([values], dtype=float))[0]
-    _check_pose(where, transform)
+    check_pose(where, transform)
     return transform
 
 
@@ -136,7 +136,7 @@ def _transform(path, rows):
             " numbers a line.",
         )
     transform = _of_rows(values.reshape(1, -1))[0]
-    _check_pose(f"{path}, line {lines[0]}", transform)
+    check_pose(f"{path}, line {lines[0]}", transform)
     return transform
 
 
@@ -245,10 +245,10 @@ def _check_tum(path, lines, values):
     with np.errstate(over="ignore"):
         norms = np.linalg.norm(values[:, 4:], axis=1)
     for line, norm in zip(lines, norms, strict=True):
-        if abs(norm - 1) > ROTATION_TOLERANCE:
+        if abs(norm - 1) > rigid.TOLERANCE:
             raise DataError(
                 f"{path}, line {line}: quaternion of norm {norm:.6g}, expected 1 within"
-                f" {ROTATION_TOLERANCE:g}.",
+                f" {rigid.TOLERANCE:g}.",
                 f"columns are {quaternions.TUM_COLUMNS}.",
             )
 
@@ -280,24 +280,13 @@ def _shown(text):
     return repr(text if len(text) <= 40 else text[:37] + "...")
 
 
-def _check_pose(where, pose):
-    rotation = pose[:3, :3]
-    error = np.abs(rotation.T @ rotation - np.eye(3)).max()
-    if error > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
-        raise DataError(
-            f"{where}: the 3x3 part is not a rotation (R^T R differs from the identity by"
-            f" {error:.2g}, at most {ROTATION_TOLERANCE:g} is allowed; det R ="
-            f" {np.linalg.det(rotation):.3g}).",
-            "matrices are row-major, scanner to global frame, without scale; write more decimals.",
-        )
-    if np.abs(pose[3] - [0, 0, 0, 1]).max() > ROTATION_TOLERANCE:
-        raise DataError(
-            f"{where}: the last row of the matrix is {pose[3].tolist()}, expected [0, 0, 0, 1].",
-            "matrices are row-major; transpose them.",
-        )
+def check_pose(where, pose):
+    """Raise DataError if a matrix (4, 4) of finite numbers is no pose; where: what it is called."""
+    if found := rigid.fault(pose):
+        raise DataError(f"{where}: {found.problem}", found.hint)
     if (distance := np.abs(pose[:3, 3]).max()) > MAXIMUM_TRANSLATION:
         raise DataError(
             f"{where}: a translation of {distance:.3g}, expected at most"
             f" {MAXIMUM_TRANSLATION:g} m.",
-            "translations are in metres; check the units and the order of the columns.",
+            "translations are in metres; check the units and the order of the numbers.",
         )

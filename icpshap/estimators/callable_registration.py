@@ -12,7 +12,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from icpshap import registry
+from icpshap import registry, rigid
 from icpshap.errors import UserError
 from icpshap.estimators._own_noise import OwnNoise, Runs
 from icpshap.estimators.kind import SAMPLES, Samples
@@ -20,7 +20,6 @@ from icpshap.options import REQUIRED, option
 
 log = logging.getLogger(__name__)
 
-RIGID = 1e-4  # by which an entry of R R^T, or the last row, may differ from what it should be
 LONGEST = 200  # characters of a status
 
 
@@ -181,9 +180,7 @@ def no_pose(returned):
         return f"returned an array {T.shape}, expected (4, 4)"
     if not np.isfinite(T).all():
         return "returned entries that are not finite"
-    rotation = T[:3, :3]
-    differences = np.abs(rotation @ rotation.T - np.eye(3)).max(), np.abs(T[3] - np.eye(4)[3]).max()
-    if max(differences) > RIGID or np.linalg.det(rotation) < 0:
+    if rigid.fault(T):
         return "returned a matrix that is no rigid transformation"
     return ""
 

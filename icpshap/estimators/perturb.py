@@ -188,10 +188,7 @@ def groups(pair, settings, estimator, deviation, streams):
     cannot be applied to the pair.
     """
     pair = pair.for_chain(estimator.perturbing.minimum_range)
-    on_reference = [cause for cause in estimator.causes.values() if cause.acts_on("reference")]
-    for (branch, _), members in _grouped(
-        settings, lambda s: (_branch(s, estimator), s.levels_of(on_reference))
-    ):
+    for (branch, _), members in _of_one_reference(settings, estimator):
         draws = Draws(pair, estimator, deviation, streams.branched(branch))
         for noise_draw, runs in enumerate(draws.shares()):
             moved = draws.moved(members[0], "reference", noise_draw)
@@ -205,6 +202,17 @@ def groups(pair, settings, estimator, deviation, streams):
                 draws.starts(members, moved, noise_draw, runs),
                 draws.noise_variance(members[0], "reference", seen),
             )
+
+
+def number_of_groups(settings, estimator):
+    """How many `groups` the settings of a pair are."""
+    return len(_of_one_reference(settings, estimator)) * estimator.perturbing.noise_draws
+
+
+def _of_one_reference(settings, estimator):
+    """Settings that share their draws and the perturbed reference, by these."""
+    on_reference = [cause for cause in estimator.causes.values() if cause.acts_on("reference")]
+    return _grouped(settings, lambda s: (_branch(s, estimator), s.levels_of(on_reference)))
 
 
 def points_of_a_run(pair, setting, estimator, streams):

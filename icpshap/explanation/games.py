@@ -1,4 +1,4 @@
-"""What each cause contributes to the uncertainty of a pair, and how sure that is: two tables."""
+"""What each cause contributes to the uncertainty of a pair, and how sure that is: its tables."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -27,6 +27,7 @@ from icpshap.explanation.shrinking import shrinking_columns
 from icpshap.explanation.uncertainty import (
     Estimate,
     columns_of,
+    covariances,
     estimate,
     kept_runs,
     over_replicates,
@@ -34,6 +35,7 @@ from icpshap.explanation.uncertainty import (
     resampled,
     with_ends,
 )
+from icpshap.tables import COVARIANCE, TRANSFORM
 
 
 @dataclass(frozen=True)
@@ -92,11 +94,15 @@ def explain_games(replicates, rows, method, **options):
 
 
 class Explanation(NamedTuple):
-    """The tables of a pair: a row per setting and replicate, per instance, per direction of one."""
+    """The tables of a pair.
+
+    A row per setting and replicate, per instance, per direction of one, and again per setting.
+    """
 
     uncertainty: pd.DataFrame
     shap: pd.DataFrame
     directions: pd.DataFrame
+    covariances: pd.DataFrame
 
 
 def explain(runs, estimates, instances, off, returns, method, pair, reason=""):
@@ -115,18 +121,22 @@ def explain(runs, estimates, instances, off, returns, method, pair, reason=""):
     else:
         replicates = samples(runs, estimates, off, returns, method, pair.characteristic_length)
     rows = [sample.rows(games) for sample in replicates]
-    uncertainty = pd.concat(
-        [
-            uncertainty_table(sample, reference, method).assign(replicate=replicate)
-            for replicate, sample in enumerate(replicates)
-        ],
-        ignore_index=True,
+    uncertainty, spreads = (
+        pd.concat(
+            [
+                table(sample, reference, method).assign(replicate=replicate)
+                for replicate, sample in enumerate(replicates)
+            ],
+            ignore_index=True,
+        )
+        for table in (uncertainty_table, covariances_table)
     )
+    spreads[TRANSFORM] = pair.T_reference_source.ravel()
     shap = shap_table(replicates, instances, rows, off, method)
     directions = directions_table(replicates, instances, rows, method, pair)
     if reason:
         uncertainty["warning"] = shap["warning"] = ""
-    tables = (uncertainty, shap, directions)
+    tables = (uncertainty, shap, directions, spreads)
     return Explanation(*(_of_pair(pair, table, reason=reason) for table in tables))
 
 
@@ -141,9 +151,8 @@ def uncertainty_table(sample, reference, method):
 
     reference (M,): the reference values of the causes, the clean setting.
     """
-    clean = int(sample.rows(reference))
-    settings = np.arange(len(sample.settings))
-    games = np.column_stack([np.full_like(settings, clean), settings])
+    games = games_of_settings(sample, reference)
+    clean = games[0, 0]
     plain = replace(method, divergence="kl", bias_correction="none")
     kl = estimate(sample, games, perturbed, plain, intervals=False)
     f = estimate(sample, games, perturbed, method)
@@ -184,6 +193,33 @@ def uncertainty_table(sample, reference, method):
             ],
         }
     )
+
+
+def covariances_table(sample, reference, method):
+    """A row per setting: the covariance of the runs that its f is read off, without a floor.
+
+    Of readings that are of no covariance, those that f would be if it were. Arguments as of
+    `uncertainty_table`.
+    """
+    method = method.with_floor(0.0).of_covariances
+    games = games_of_settings(sample, reference)
+    row, column = np.triu_indices(6)
+    found = covariances([sample], [games], -1, method)[:, row, column]
+    return pd.DataFrame(
+        {
+            **dict(zip(sample.causes, sample.settings.T, strict=True)),
+            "again": sample.again,
+            "n_runs": sample.xi.shape[1],
+            "n_used": kept_runs(sample, games, method).sum(axis=1),
+            **dict(zip(COVARIANCE, found.T, strict=True)),
+        }
+    )
+
+
+def games_of_settings(sample, reference):
+    """A game (S, 2) of each setting: the clean one, at reference values (M,), and itself."""
+    settings = np.arange(len(sample.settings))
+    return np.column_stack([np.full_like(settings, sample.rows(reference)), settings])
 
 
 def shap_table(replicates, instances, rows, off, method):

@@ -264,7 +264,11 @@ def stopping(row):
     judged = fits("stopping", row.largest_memory, "-", expected, sentence)
     if row.largest_memory <= MEMORY:
         return judged
-    remedy = "stop_rotation: 1e-5, stop_translation: 1e-5"
+    remedy = "a registration that stops later"
+    if not np.isnan(row.stop_rotation):
+        tighter = min(1e-5, row.stop_rotation / 10)
+        tighter = np.format_float_scientific(tighter, precision=0, trim="-", exp_digits=1)
+        remedy = f"stop_rotation: {tighter}, stop_translation: {tighter}"
     return judged._replace(grade="remark", remedy=remedy)
 
 
@@ -293,6 +297,7 @@ def complete(numbers, uncertainty, off):
     """
     run = uncertainty[~uncertainty.again & (uncertainty.replicate == 0) & (uncertainty.n_runs > 0)]
     run = run.assign(largest_memory=run.groupby(PAIR).memory.transform("max"))
+    run = run.merge(numbers[[*PAIR, "stop_rotation"]], on=PAIR, how="left")
     clean = run[(run[list(off)] == list(off.values())).all(axis=1)]
     judged = [
         (row, found)

@@ -4,7 +4,6 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from icpshap import se3
-from icpshap.data import ground_truth
 from icpshap.errors import PerturbationError
 from icpshap.estimators import perturb
 from icpshap.geometry import nearest_distances, nearest_to_cell_centres
@@ -34,11 +33,9 @@ def measure(pair, estimator, levels, streams):
     reference = draws.seen_reference(clean, pair.reference, 0)
     of_normals = normals(reference, neighbourhood)
     in_range = [scan[draws.in_range(scan)] for scan in (pair.reference, pair.source)]
-    at_truth = ground_truth.measured(
-        pair.reference, pair.source, pair.T_reference_source, minimum_range
-    )
+    at_truth = pair.for_chain(minimum_range).at_truth
     return {
-        **_options(estimator.perturbing),
+        **_options(estimator),
         **of_normals,
         **without_rings(in_range[0], neighbourhood, of_normals["ring_share"]),
         "largest_noise": levels.get("sensor_noise", np.nan) if _in_metres(estimator) else np.nan,
@@ -60,13 +57,15 @@ def points_of_a_run(pair, setting, estimator, streams):
         return np.nan
 
 
-def _options(perturbing):
+def _options(estimator):
     """Options that the checks hold numbers against."""
+    perturbing = estimator.perturbing
     side = perturbing.voxel_size
     return {
         "minimum_range": perturbing.minimum_range,
         "voxel_size": np.nan if side is None else side,
         "subsampling_probability": perturbing.subsampling_probability,
+        "stop_rotation": getattr(estimator.kind, "stop_rotation", np.nan),
     }
 
 

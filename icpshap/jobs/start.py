@@ -18,7 +18,15 @@ from icpshap.jobs.paths import at
 FOLDERS = ("logs", "resources", "results")
 STALE = ".stale"
 SHOWN = 3  # files that are named; of more their number is told
-OF_EXPLANATION = ("pairs", "fit", "uncertainty", "shap", "directions", "resampled")
+OF_EXPLANATION = (
+    "pairs",
+    "fit",
+    "uncertainty",
+    "shap",
+    "directions",
+    "covariances",
+    "resampled",
+)
 
 
 # Options by which snakemake does something else than to make files.

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from icpshap import conventions
 from icpshap.errors import UserError
 
 ROTATION_FIRST, TRANSLATION_FIRST = "rotation first", "translation first"
@@ -22,14 +23,14 @@ class PoseCovariance:
     source's points that the chain leaves, what a run used: with all of them, if points count alike
     and do not depend on one another, the covariance would be that share of it
     (`of_all_points`); left_out: share of the runs that it is not of, since they failed or ended in
-    a wrong basin; to_reference (3, 3): rotation from the source's axes to the reference's; scaled:
-    whether it has been.
+    a wrong basin; T_reference_source (4, 4): the pose that it stands at; scaled: whether it has
+    been.
     """
 
     matrix: np.ndarray
     share_of_points: float
     left_out: float
-    to_reference: np.ndarray
+    T_reference_source: np.ndarray
     order: str = ROTATION_FIRST
     frame: str = SOURCE_FRAME
     scaled: bool = False
@@ -67,12 +68,9 @@ class PoseCovariance:
             )
         if convention != "ros":
             return self
-        turn = np.kron(np.eye(2), self.to_reference)
-        swap = np.roll(np.eye(6), 3, axis=0)
-        matrix = swap @ turn @ self.matrix @ turn.T @ swap.T
         return replace(
             self,
-            matrix=(matrix + matrix.T) / 2,
+            matrix=conventions.ros(self.matrix, self.T_reference_source),
             order=TRANSLATION_FIRST,
             frame=REFERENCE_AXES,
         )

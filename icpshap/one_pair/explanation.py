@@ -22,17 +22,11 @@ from icpshap.fit import checks
 from icpshap.one_pair.covariance import PoseCovariance
 from icpshap.report import advice, captions, doubts
 from icpshap.report.study import Study
-from icpshap.tables import TRANSFORM
+from icpshap.tables import TRANSFORM, covariances
 
 ABOUT = "about.json"
-COVARIANCES = "covariances.npy"
-NEEDED = (
-    "pairs",
-    "fit",
-    "uncertainty",
-    "shap",
-    "directions",
-)  # tables without which it says nothing
+# Tables without which it says nothing.
+NEEDED = ("pairs", "fit", "uncertainty", "shap", "directions", "covariances")
 # What reading a file that is something else may raise.
 UNREADABLE = (
     OSError,
@@ -80,15 +74,13 @@ class Scans(NamedTuple):
 class Explanation:
     """Why the registration of a pair is uncertain.
 
-    tables: by name, as the workflow has them (docs/tables.md); covariances (2, 6, 6): of xi in
-    T exp(xi), clean and with all causes on; study: how they came about; options: of the estimator;
-    levels: of each cause; truth: what is to be said of the true pose, "" where it was given;
-    shares_of_points (2,): of the source, what a run used, clean and with all causes on; scans: None
-    of one that was loaded.
+    tables: by name, as the workflow has them (docs/tables.md); study: how they came about; options:
+    of the estimator; levels: of each cause; truth: what is to be said of the true pose, "" where it
+    was given; shares_of_points (2,): of the source, what a run used, clean and with all causes on;
+    scans: None of one that was loaded.
     """
 
     tables: dict[str, pd.DataFrame]
-    covariances: np.ndarray
     study: Study
     options: dict[str, Any]
     levels: dict[str, float]
@@ -135,13 +127,16 @@ class Explanation:
 
     @property
     def covariance(self) -> PoseCovariance:
-        """With all causes on, of the runs that f is read off, the sensor's own noise included."""
-        return self._covariance(1)
+        """With all causes on, of the runs that f of this setting is read off, without the floor.
+
+        The sensor's own noise is included.
+        """
+        return self._covariance(on=True)
 
     @property
     def covariance_clean(self) -> PoseCovariance:
         """The same without any perturbation."""
-        return self._covariance(0)
+        return self._covariance(on=False)
 
     @property
     def covariance_all_points(self) -> PoseCovariance:
@@ -155,12 +150,14 @@ class Explanation:
         """
         return self.covariance.of_all_points()
 
-    def _covariance(self, which):
-        left_out = 1.0 - self._row.n_used / self._row.n_runs
-        rotation = self.T_reference_source[:3, :3]
-        return PoseCovariance(
-            self.covariances[which], self.shares_of_points[which], left_out, rotation
-        )
+    def _covariance(self, on):
+        """Of the setting in which all causes are on, or off."""
+        table = self.tables["covariances"]
+        levels = {c: self.levels[c] if on else CAUSES[c].off for c in self.study.causes}
+        row = table[~table.again & (table[list(levels)] == pd.Series(levels)).all(axis=1)]
+        left_out = 1.0 - (row.n_used / row.n_runs).item()
+        share = self.shares_of_points[int(on)]
+        return PoseCovariance(covariances(row)[0], share, left_out, self.T_reference_source)
 
     @property
     def f(self) -> float:
@@ -359,9 +356,6 @@ class Explanation:
         parts = {ABOUT: json.dumps(about).encode()}
         for name, table in self.tables.items():
             parts[f"{name}.parquet"] = table.to_parquet(index=False)
-        buffer = BytesIO()
-        np.save(buffer, self.covariances)
-        parts[COVARIANCES] = buffer.getvalue()
         with writable(path), zipfile.ZipFile(path, "w") as file:
             for name, content in parts.items():
                 file.writestr(zipfile.ZipInfo(name, EPOCH), content)
@@ -377,7 +371,6 @@ class Explanation:
             with zipfile.ZipFile(path) as file:
                 parts = {name: file.read(name) for name in file.namelist()}
             about = json.loads(parts.pop(ABOUT))
-            covariances = np.load(BytesIO(parts.pop(COVARIANCES)))
             tables = {
                 name.removesuffix(".parquet"): pd.read_parquet(BytesIO(content))
                 for name, content in parts.items()
@@ -387,7 +380,7 @@ class Explanation:
             study = Study(**{**study, "causes": tuple(study["causes"])})
             if missing := [name for name in NEEDED if name not in tables]:
                 raise ValueError(f"without {', '.join(missing)}")
-            return cls(tables, covariances, study, **about)
+            return cls(tables, study, **about)
         except FileNotFoundError:
             raise UserError(f"{path}: no such file.\nHint: Explanation.save writes one.") from None
         except UNREADABLE as error:

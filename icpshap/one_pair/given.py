@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from icpshap import config, options
+from icpshap import config, options, rigid
 from icpshap.causes import CAUSES
 from icpshap.data import scans
-from icpshap.data.poses import MAXIMUM_TRANSLATION
+from icpshap.data.poses import check_pose
 from icpshap.data.scans import MAXIMUM_COORDINATE, MINIMUM_POINTS
 from icpshap.errors import DataError, UserError
 from icpshap.estimators import KINDS
@@ -34,8 +34,8 @@ from icpshap.report.what_if import AS_IT_IS
 
 PRESETS = {"lidar": LIDAR, "paper": PAPER, "released_code": RELEASED_CODE, "robust": ROBUST}
 CAUSES_GIVEN = {"sensor_noise": 0.02, "initial_pose": 1.5, "partial_overlap": 0.05}
+INITIAL = "initial_pose"
 SEED = 42  # that of config.yaml
-RIGID = 1e-4  # largest entry of R^T R - I, and of the last row's difference
 LONGEST_NAME = 80  # characters of a change's name
 # What the configuration calls them; what_if's changes are numbered, since their names are free.
 EXPERIMENT, ESTIMATOR, CHANGE = "pair", "estimator", "change_{}x"
@@ -70,7 +70,7 @@ def given(causes, estimator, register, what_if, perturbation, seed=SEED):
     if "training" in options.names(kind):
         raise UserError(
             f"estimator: the kind {kind.name} learns from pairs of other sequences, and here is "
-            "one pair.\nHint: run it in the workflow (docs/estimators.md), or take another kind."
+            "one pair.\nHint: run it in the workflow, in a clone of icpshap, or take another kind."
         )
     function = block.get("register")
     if callable(function):
@@ -103,7 +103,8 @@ def given(causes, estimator, register, what_if, perturbation, seed=SEED):
 def trials(preset, causes):
     """The changes that are tried where none are named, as far as they change anything.
 
-    More neighbours of a normal, a tighter stop, twice the points, a start half as wide.
+    More neighbours of a normal, a tighter stop, twice the points, a closer start: half as wide, or
+    as that of the clean setting, which is as close as a start is without a cause.
     """
     known, found = preset.options, {}
     if (neighbours := known.get("normal_neighbours")) and known["metric"] == "point_to_plane":
@@ -119,10 +120,13 @@ def trials(preset, causes):
         found["twice_the_points" if more == 2 * probability else "more_points"] = {
             "subsampling_probability": more
         }
-    if (level := causes.get("initial_pose")) and "initial_pose_scaling" in known:
+    off = CAUSES[INITIAL].off
+    if (level := causes.get(INITIAL, off)) > off and "initial_pose_scaling" in known:
         # s scales the covariance; in the released code the standard deviation.
         of_deviation = known["initial_pose_scaling"] == "standard_deviation"
-        found["start_half_as_wide"] = {"initial_pose": level / (2 if of_deviation else 4)}
+        closer = max(level / (2 if of_deviation else 4), off)
+        if closer > off or any(causes[name] != CAUSES[name].off for name in {*causes} - {INITIAL}):
+            found["closer_start"] = {INITIAL: closer}
     return found
 
 
@@ -251,7 +255,8 @@ def _checked(block, causes, changes, perturbation, seed):
         lines = "\n".join(f"  - {_spoken(line, changes)}" for line in error.errors)
         raise UserError(
             f"{len(error.errors)} argument(s) cannot be used:\n{lines}\n"
-            "Hint: docs/configuration.md explains every option and cause."
+            "Hint: options are those of icpshap.LIDAR.options, and of the estimator's kind; causes "
+            f"{', '.join(CAUSES)}."
         ) from None
 
 
@@ -397,36 +402,7 @@ def transform(values: Any, what: str = "T") -> np.ndarray:
     T = _matrix(values, what)
     if not np.isfinite(T).all():
         raise DataError(f"{what}: entries that are not finite.", "give 4x4 finite numbers.")
-    if (distance := np.abs(T[:3, 3]).max()) > MAXIMUM_TRANSLATION:
-        raise DataError(
-            f"{what}: a translation of {distance:.3g}, expected at most {MAXIMUM_TRANSLATION:g} m.",
-            "translations are in metres; check the units and the order of the numbers.",
-        )
-    rotation, last = T[:3, :3], T[3]
-    if np.abs(last - [0, 0, 0, 1]).max() > RIGID:
-        transposed = np.abs(T[:, 3] - [0, 0, 0, 1]).max() <= RIGID
-        raise DataError(
-            f"{what}: the last row is {last.tolist()}, expected [0, 0, 0, 1].",
-            f"transpose it: {what}.T." if transposed else "matrices are row-major: [R t; 0 1].",
-        )
-    scale = np.cbrt(np.abs(np.linalg.det(rotation)))
-    if np.linalg.det(rotation) < 0:
-        raise DataError(
-            f"{what}: a reflection (its determinant is {np.linalg.det(rotation):.3g}), expected a "
-            "rotation.",
-            "two axes are swapped, or one is turned round: check how the matrix is made.",
-        )
-    gram = rotation.T @ rotation
-    if np.abs(gram - np.eye(3)).max() > RIGID:
-        scaled = np.abs(gram / scale**2 - np.eye(3)).max() <= RIGID
-        raise DataError(
-            f"{what}: its 3x3 part is no rotation (R^T R differs from the identity by "
-            f"{np.abs(gram - np.eye(3)).max():.2g}, at most {RIGID:g} is allowed"
-            f"{f'; it has the scale {scale:.6g}' if scaled else ''}).",
-            "divide it by the scale, and bring the scans to the same unit."
-            if scaled
-            else "write more decimals; a matrix is row-major.",
-        )
+    check_pose(what, T)
     return T
 
 
@@ -449,9 +425,9 @@ _FORMS = (
 
 def _of_quaternion(numbers, what):
     norm = np.linalg.norm(numbers[3:])
-    if not abs(norm - 1) <= RIGID:
+    if not abs(norm - 1) <= rigid.TOLERANCE:
         raise DataError(
-            f"{what}: a quaternion of norm {norm:.6g}, expected 1 within {RIGID:g}.",
+            f"{what}: a quaternion of norm {norm:.6g}, expected 1 within {rigid.TOLERANCE:g}.",
             "seven numbers are tx ty tz qx qy qz qw.",
         )
     from scipy.spatial.transform import Rotation

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple, TextIO
+from typing import Any, TextIO
 
 import numpy as np
 import pandas as pd
@@ -16,12 +16,9 @@ from icpshap.data.pair import Pair, describe_pair
 from icpshap.data.scans import check_scan
 from icpshap.errors import DataError, UserError
 from icpshap.estimators.callable_registration import called, called_name
-from icpshap.estimators.perturb import Draws, Streams, require_points
+from icpshap.estimators.perturb import Draws, Streams, number_of_groups, require_points
 from icpshap.explanation import games
-from icpshap.explanation.sample import samples
 from icpshap.explanation.scan_pair import ScanPair
-from icpshap.explanation.shapley import coalition_values
-from icpshap.explanation.uncertainty import covariances
 from icpshap.fit import checks
 from icpshap.fit.measure import measure
 from icpshap.one_pair.explanation import Explanation, Scans
@@ -67,7 +64,9 @@ def explain(
             what a spinning scanner has, {"sensor_noise": 0.02, "initial_pose": 1.5,
             "partial_overlap": 0.05} (m, -, -).
         estimator: a preset ("lidar", "paper", "robust", "released_code"), a kind of estimator, a
-            mapping of options (`based_on` one of these; "lidar" unless said), or a `Preset`.
+            mapping of options, or a `Preset`. A mapping begins from `based_on`, one of these names;
+            without it from the defaults of the `kind` that it names, which are those of "paper",
+            and without either from "lidar".
         register: your own registration, a function (reference, source, T_initial) -> (4, 4), or
             its name as "module:function"; it is run as often as ICP would be, one at a time, and
             once before on the scans as they are. Options of the estimator that it does not take
@@ -78,7 +77,8 @@ def explain(
             explained again; True: more neighbours, a tighter stop, more points, a closer start.
         perturbation: what the causes refer to, where it is not the paper's: initial_pose_rotation
             [deg], initial_pose_translation [m], overlap_distance [m], minimum_overlap [-].
-        source_times: when each source point was measured (m,), for motion distortion.
+        source_times: when each source point was measured (m,), for the cause motion_distortion,
+            which must be one of `causes`.
         seed: of all random numbers; same seed, scans and options, same bytes.
         name, indices: the sequence and the scans that random numbers are drawn for: those of a
             workflow's pair give its numbers, to the byte.
@@ -91,6 +91,11 @@ def explain(
     reference, source = scan(reference, "reference"), scan(source, "source")
     source_times = times(source_times, len(source))
     asked = given(causes, estimator, register, what_if, perturbation, seed)
+    if source_times is not None and "motion_distortion" not in asked.levels:
+        raise UserError(
+            "source_times: given, and motion_distortion, which alone reads them, is no cause.\n"
+            'Hint: causes={..., "motion_distortion": 0.05}, or leave source_times out.'
+        )
     streams = Streams(asked.seed, *named_pair(name, indices))
     threads = cores() if threads is None else whole(threads, "threads", 1)
     parts: list[Any] = [(what_if_tables.AS_IT_IS, {}, asked.levels, asked.preset)]
@@ -109,10 +114,10 @@ def explain(
                 made.append(run.made(threads))
         finally:
             said.end()
-    tables = made[0].tables
+    tables = made[0]
     if asked.what_if:
         rows = [
-            (part, changes, found.tables["shap"])
+            (part, changes, found["shap"])
             for (part, changes, *_), found in zip(parts, made, strict=True)
         ]
         tables["what_if"] = what_if_tables.table(rows, tables["pairs"])
@@ -127,7 +132,6 @@ def explain(
     study = replace(study, options=_told(study.options))
     return Explanation(
         tables,
-        made[0].covariances,
         study,
         _told(asked.preset.options),
         asked.levels,
@@ -145,17 +149,19 @@ def fit_table(
     *,
     causes: Mapping[str, float] | None = None,
     estimator: Any = "lidar",
+    register: Callable | str | None = None,
     T_initial: Any = None,
     perturbation: Mapping[str, float] | None = None,
     seed: int = SEED,
 ) -> pd.DataFrame:
     """Whether an estimator's options fit two scans, before any of its runs: the fit table.
 
-    Arguments and errors as of `explain`. A row a check: check, value, unit, expected, grade (red,
-    remark, fits), sentence, remedy; the gravest first.
+    Arguments and errors as of `explain`; `register` is called once, on the scans as they are. A row
+    a check: check, value, unit, expected, grade (red, remark, fits), sentence, remedy; the gravest
+    first.
     """
     reference, source = scan(reference, "reference"), scan(source, "source")
-    asked = given(causes, estimator, None, None, perturbation, seed)
+    asked = given(causes, estimator, register, None, perturbation, seed)
     with threadpool_limits(1):
         pair, truth = _pair(reference, source, T, T_initial, asked)
         streams = Streams(asked.seed, "pair", 0, 1)
@@ -165,11 +171,13 @@ def fit_table(
 
 def _pair(reference, source, T, T_initial, asked, source_times=None):
     """The measured pair, and what is to be said of how its true pose was found."""
+    minimum_range = asked.preset.estimator.perturbing.minimum_range
     for points, what in ((reference, "reference"), (source, "source")):
-        check_scan(points, asked.preset.estimator.perturbing.minimum_range, what)
+        check_scan(points, minimum_range, what)
     T, truth = _truth(reference, source, T, T_initial, asked.preset)
     distance = asked.perturbation.overlap_distance
-    return Pair.measured(reference, source, T, distance, source_times), truth
+    pair = Pair.measured(reference, source, T, distance, source_times)
+    return pair.for_chain(minimum_range), truth
 
 
 def _truth(reference, source, T, T_initial, preset):
@@ -223,13 +231,6 @@ def _shares_of_points(preset, levels):
     return probability, probability / levels.get("icp_randomness", 1.0)
 
 
-class _Made(NamedTuple):
-    """Tables by name; covariances (2, 6, 6), clean and with all causes on."""
-
-    tables: dict
-    covariances: np.ndarray
-
-
 class _Run:
     """One explanation of a pair: `levels` with a preset."""
 
@@ -253,10 +254,11 @@ class _Run:
         }
 
     def made(self, threads):
-        """What comes of it, with so many threads: `_Made`."""
+        """What comes of it, with so many threads: tables by name."""
         row = self._describe()
         numbers = self.fit_numbers()
         settings = plan.settings({name: (level,) for name, level in self.levels.items()}, 1)
+        self.said.of(number_of_groups(settings, self.estimator))
         step = self.said.step
         runs, estimates = estimators.estimate(
             self.pair,
@@ -279,8 +281,7 @@ class _Run:
         for name, table in (("runs", runs), ("estimates", estimates)):
             if table is not None:
                 found[name] = table.assign(**where).reset_index(drop=True)
-        covariances = self._covariances(runs, estimates, instances, *read_by, scan_pair)
-        return _Made(found, covariances)
+        return found
 
     def scans(self):
         """The scans, and which of their points are left."""
@@ -310,21 +311,14 @@ class _Run:
             require_points(self.pair, largest, self.estimator, self.streams)
         return row
 
-    def _covariances(self, runs, estimates, instances, off, returns, method, scan_pair):
-        """Covariances (2, 6, 6) of the clean setting and of all causes on, of the runs of f."""
-        length = scan_pair.characteristic_length
-        replicates = samples(runs, estimates, off, returns, method, length)
-        coalitions = coalition_values(instances[list(off)], list(off.values()))
-        rows = [sample.rows(coalitions) for sample in replicates]
-        return np.stack([covariances(replicates, rows, place, method)[0] for place in (0, -1)])
-
 
 class _Progress:
     """A line that says how far it is: told at the beginning and the end, and every step between."""
 
     def __init__(self, progress, parts):
         self.file = sys.stderr if progress is True else progress or None
-        self.parts, self.part, self.steps, self.name, self.width = parts, 0, 0, "", 0
+        self.parts, self.part, self.name, self.width = parts, 0, "", 0
+        self.steps, self.number = 0, None
         try:
             self._print("")
         except (AttributeError, TypeError, ValueError) as error:
@@ -334,7 +328,13 @@ class _Progress:
             ) from None
 
     def begin(self, name):
-        self.part, self.steps, self.name = self.part + 1, 0, name
+        self.part, self.name = self.part + 1, name
+        self.steps, self.number = 0, None
+        self._show()
+
+    def of(self, number):
+        """How many steps there will be of what has begun."""
+        self.number = number
         self._show()
 
     def step(self):
@@ -346,7 +346,8 @@ class _Progress:
             self._print("\n")
 
     def _show(self):
-        text = f"{self.name} ({self.part} of {self.parts}): {self.steps} steps"
+        steps = "" if self.number is None else f": step {self.steps} of {self.number}"
+        text = f"{self.name} ({self.part} of {self.parts}){steps}"
         self.width = max(self.width, len(text))  # what is longer must not show through
         self._print(f"\r{text:<{self.width}}")
 

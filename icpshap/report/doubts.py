@@ -54,7 +54,7 @@ KINDS = {
     ),
     "unconverged": Kind(
         "The clean spread shows where the iteration stops",
-        "Let ICP stop later (stop_rotation, stop_translation), as the estimator robust does.",
+        "Let the registration stop later (stop_rotation, stop_translation where it has them).",
         ("the initial pose explains",),
     ),
     "floor": Kind(

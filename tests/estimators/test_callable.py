@@ -13,7 +13,7 @@ from conftest import REPOSITORY
 from project import Project, change
 
 from icpshap import config as configuration
-from icpshap import estimators, se3
+from icpshap import estimators, registrations, se3
 from icpshap.errors import UserError
 from icpshap.estimators import KINDS, Estimator
 from icpshap.estimators.kind import GOOD_STATUS
@@ -407,6 +407,19 @@ def test_only_the_experiments_that_use_it_are_planned_anew(config, mine):
 
 
 # --- other libraries, and the workflow ------------------------------------------------------------
+
+
+def test_normals_of_open3d_are_kept_for_the_next_call_with_the_same_reference(room_pair):
+    registrations._with_normals.cache_clear()
+    there = room_pair.T_reference_source
+    ends = [
+        registrations.open3d(reference, room_pair.source, there)
+        for reference in (room_pair.reference, room_pair.reference.copy())
+    ]
+    assert registrations._with_normals.cache_info().hits == 1
+    registrations.open3d(room_pair.reference + 0.01, room_pair.source, there)
+    assert registrations._with_normals.cache_info().misses == 2
+    np.testing.assert_array_equal(*ends)
 
 
 @pytest.mark.parametrize("name", ["small_gicp", "open3d"])

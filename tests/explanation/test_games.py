@@ -162,7 +162,8 @@ def test_interval_over():
 def test_a_pair_that_was_not_registered_stays_in_the_tables_with_its_reason():
     given = (None, None, instances(full=True), OFF, SAMPLES, Method(), PAIR, "no overlap")
     found = games.explain(*given)
-    for table, rows, value in zip(found, (8, 8, 88), ("f", "f", "value"), strict=True):
+    values = ("f", "f", "value", "covariance_00")
+    for table, rows, value in zip(found, (8, 8, 88, 8), values, strict=True):
         assert len(table) == rows
         assert table[value].isna().all()
         assert (table["reason"] == "no overlap").all()

@@ -187,6 +187,20 @@ def test_runs_that_stop_on_their_way_are_remarked_in_whatever_setting():
     assert "explains up to 70% of the spread" in row.sentence and "1e-5" in row.remedy
 
 
+@pytest.mark.parametrize(
+    ("stop", "remedy"),
+    [
+        (1e-3, "stop_rotation: 1e-5, stop_translation: 1e-5"),
+        (1e-5, "stop_rotation: 1e-6, stop_translation: 1e-6"),
+        (np.nan, "a registration that stops later"),
+    ],
+)
+def test_a_tighter_stop_is_proposed_to_those_that_have_the_option(stop, remedy):
+    numbers = fit_numbers(ONE, stop_rotation=stop)
+    fit = checks.complete(numbers, clean_rows(memory=0.7), {"sensor_noise": 0.0})
+    assert fit.set_index("check").remedy["stopping"] == remedy
+
+
 def test_clean_runs_that_arrive_fit_and_those_that_do_not_succeed_by_name_are_left_out():
     numbers = fit_numbers(ONE)
     fit = checks.complete(numbers, clean_rows(), {"sensor_noise": 0.0})

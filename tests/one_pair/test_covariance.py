@@ -16,7 +16,7 @@ def drawn():
     generator = np.random.default_rng(0)
     root = 1e-4 * generator.standard_normal((6, 6))
     xi = generator.standard_normal((4000, 6)) @ root.T
-    return xi, PoseCovariance(np.cov(xi.T), 0.5, 0.0, T[:3, :3])
+    return xi, PoseCovariance(np.cov(xi.T), 0.5, 0.0, T)
 
 
 def test_ros_has_the_spread_of_the_position_and_of_turns_about_fixed_axes(drawn):
@@ -53,6 +53,6 @@ def test_another_convention_is_refused(drawn):
 
 
 def test_what_it_is_not_of_is_said():
-    covariance = PoseCovariance(np.eye(6), 1.0, 0.17, T[:3, :3])
+    covariance = PoseCovariance(np.eye(6), 1.0, 0.17, T)
     assert "WITHOUT the 17% of the runs" in repr(covariance)
     assert "WITHOUT the 17% of the runs" in repr(covariance.to("ros"))

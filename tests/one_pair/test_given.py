@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from icpshap import PAPER, RELEASED_CODE, se3
+from icpshap import LIDAR, PAPER, RELEASED_CODE, se3
 from icpshap.errors import DataError, UserError
 from icpshap.one_pair.given import (
     CAUSES_GIVEN,
@@ -105,8 +105,8 @@ def test_seven_numbers_are_a_translation_and_a_quaternion():
     [
         (reflected(), "a reflection"),
         (scaled(), "it has the scale 1000"),
-        (T.T, "transpose it: T.T"),
-        (T + 0.1 * np.eye(4), "the last row is [0.0, 0.0, 0.0, 1.1]"),
+        (T.T, "transpose it: "),
+        (T + 0.1 * np.eye(4), "the last row of the matrix is [0.0, 0.0, 0.0, 1.1]"),
         (T[:3, :3], "shape (3, 3)"),
         (np.full((4, 4), np.nan), "not finite"),
         ("T.txt", "expected numbers"),
@@ -115,7 +115,7 @@ def test_seven_numbers_are_a_translation_and_a_quaternion():
         (np.ma.masked_array(T, np.eye(4)), "4 entries are masked"),
         ([1e9, 0, 0, 0, 0, 0, 1], "a translation of 1e+09"),
         ([1, 2, 3, 0, 0, 0, 0], "a quaternion of norm 0"),
-        (np.zeros((4, 4)), "the last row is"),
+        (np.zeros((4, 4)), "the last row of the matrix is"),
     ],
 )
 def test_a_transform_that_is_not_rigid_is_refused(values, message):
@@ -204,10 +204,10 @@ def test_a_function_is_called_on_whole_clouds_with_what_the_estimator_says_else(
 
 def test_changes_are_named_or_the_usual_ones():
     found = given(None, "lidar", None, True, None).what_if
-    assert set(found) == {"more_neighbours", "tight_stop", "more_points", "start_half_as_wide"}
-    changes, levels, preset = found["start_half_as_wide"]
-    assert changes == {"initial_pose": 0.375}
-    assert levels == {**CAUSES_GIVEN, "initial_pose": 0.375}
+    assert set(found) == {"more_neighbours", "tight_stop", "more_points", "closer_start"}
+    changes, levels, preset = found["closer_start"]
+    assert changes == {"initial_pose": 1.0}
+    assert levels == {**CAUSES_GIVEN, "initial_pose": 1.0}
     assert preset == given(None, "lidar", None, None, None).preset
 
 
@@ -251,11 +251,24 @@ def test_what_is_said_of_a_function_s_runs_counts():
     assert found.estimator.perturbing.voxel_size == 0.5
 
 
-def test_a_start_is_half_as_wide_whatever_its_scale_means():
-    assert trials(PAPER, {"initial_pose": 2.0})["start_half_as_wide"] == {"initial_pose": 0.5}
-    assert trials(RELEASED_CODE, {"initial_pose": 2.0})["start_half_as_wide"] == {
-        "initial_pose": 1.0
-    }
+def test_a_closer_start_is_half_as_wide_whatever_its_scale_means():
+    assert trials(PAPER, {"initial_pose": 6.0})["closer_start"] == {"initial_pose": 1.5}
+    assert trials(RELEASED_CODE, {"initial_pose": 6.0})["closer_start"] == {"initial_pose": 3.0}
+
+
+def test_a_closer_start_is_never_closer_than_that_of_the_clean_setting():
+    assert trials(LIDAR, CAUSES_GIVEN)["closer_start"] == {"initial_pose": 1.0}
+    for levels in ({"initial_pose": 2.0}, {**CAUSES_GIVEN, "initial_pose": 0.5}, {}):
+        assert "closer_start" not in trials(LIDAR, levels)
+
+
+def test_a_mapping_begins_from_lidar_or_from_the_defaults_of_its_kind():
+    def options(estimator):
+        return given(None, estimator, None, None, None).preset.options
+
+    assert options({}) == options("lidar") == LIDAR.options
+    assert options({"kind": "monte_carlo"}) == options("monte_carlo") == PAPER.options
+    assert options({"kind": "monte_carlo", "based_on": "lidar"}) == LIDAR.options
 
 
 @pytest.mark.parametrize("value", [0, -1, "2", 1.5, True, [1]])

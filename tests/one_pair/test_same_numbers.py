@@ -12,10 +12,12 @@ from conftest import REPOSITORY
 from project import Project
 
 import icpshap
+from icpshap import tables
+from icpshap.causes import CAUSES
 
 LEVELS = {"sensor_noise": 0.03, "initial_pose": 1.5, "partial_overlap": 0.05}
 OPTIONS = {"runs": 60, "voxel_size": 0.1, "subsampling_probability": 0.4}
-TABLES = ("fit", "uncertainty", "shap", "directions")
+TABLES = ("fit", "uncertainty", "shap", "directions", "covariances")
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +63,11 @@ def test_as_the_workflow(files, explained):
         found = pd.read_parquet(results / f"{name}.parquet")
         table = explained.tables[name][list(found.columns)].astype(found.dtypes)
         pd.testing.assert_frame_equal(table, found, check_exact=True)
+    table = tables.read(results / "covariances.parquet", "covariances")
+    for covariance, on in ((explained.covariance, True), (explained.covariance_clean, False)):
+        levels = LEVELS if on else {name: CAUSES[name].off for name in LEVELS}
+        row = table[~table.again & (table[list(levels)] == pd.Series(levels)).all(axis=1)]
+        assert tables.covariances(row)[0].tobytes() == covariance.matrix.tobytes()
     runs = pd.concat(pd.read_parquet(path) for path in sorted((results / "runs").iterdir()))
     poses = [f"T_{row}{column}" for row in range(4) for column in range(4)]
     assert (runs[poses].to_numpy() == explained.tables["runs"][poses].to_numpy()).all()

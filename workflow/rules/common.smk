@@ -607,6 +607,7 @@ def targets():
             logger.info(f"Skipping {name}: none of its sequences ({known}) is selected.")
     found = files_of(sections(), "uncertainty", "shap", "directions", "pairs", "fit")
     for experiment, scope in selected_scopes():
+        found.append(at(paths.TABLE, scope=scope, table="covariances"))
         found += figures_of(experiment, scope, "png") + figures_of(experiment, scope, "txt")
         found += scenes_of(experiment, scope, "html")
         if experiment.what_if:

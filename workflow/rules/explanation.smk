@@ -1,7 +1,7 @@
 """From pose samples and covariances to uncertainties and to what each cause contributes.
 
-Outputs: results/{experiment}/{sequence}/{pairs,fit,uncertainty,shap,directions,resampled}.parquet,
-results/{experiment}/{pairs,fit,uncertainty,shap,directions,resampled}.parquet
+Outputs: results/{experiment}/{sequence}/{table}.parquet and results/{experiment}/{table}.parquet,
+table one of pairs, fit, uncertainty, shap, directions, covariances, resampled
 """
 
 TABLES = start.OF_EXPLANATION
