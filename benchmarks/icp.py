@@ -2,11 +2,12 @@
 
     python -m benchmarks.icp [--quick]
 
-Every measurement is a process of its own on one core; times are process CPU times, and ratios are
-between measurements of one process. Scans are simulated (`icpshap.simulate`) and thinned to the
-size asked for; at most 5 % of their points lie within 1 m. Prints tables and, as its last line, a
-JSON object with the figures; writes docs/icp_cost.svg. Takes about a quarter of an hour; `--quick`
-makes everything small.
+Every measurement is a process of its own on one core; times are process CPU times. Scans are
+simulated (`icpshap.simulate`) and thinned to the size asked for; at most 5 % of their points lie
+within 1 m. First the jobs of the paper with the engine as it was at BEFORE, in turn with today's,
+so that their ratio holds on any machine. Prints tables and, as its last line, JSON with the
+figures; writes docs/icp_cost.svg. Takes about half an hour; `--quick` makes everything small,
+`--gains` stops after the first table.
 """
 
 import argparse
@@ -22,7 +23,10 @@ from pathlib import Path
 import numpy as np
 
 REPOSITORY = Path(__file__).parents[1]
-sys.path.insert(0, str(REPOSITORY))  # python benchmarks/icp.py finds the library, too
+BEFORE = "a90465f"  # commit with the engine that summed link by link
+# The library that is measured; python benchmarks/icp.py finds it, too.
+LIBRARY = os.environ.get("ICPSHAP_LIBRARY", str(REPOSITORY))
+sys.path.insert(0, LIBRARY)
 BEAMS_PER_POINT = {"apartment": 1.35, "stairwell": 1.35, "plain": 1.7}
 # Consecutive pairs of the eight sequences by the size of their scans and by the scene that stands
 # for them: Apartment; ETH and Stairs; Mountain; Gazebo and Wood in two seasons each.
@@ -241,9 +245,10 @@ def cost(points, runs):
     return {"index": index.seconds, "register": iterating.seconds / result.iterations.sum()}
 
 
-def measure(name, *arguments):
+def measure(name, *arguments, library=LIBRARY):
     """Run one of the functions above in a process of its own, on one core."""
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environment = {**os.environ, **threads, "ICPSHAP_LIBRARY": str(library)}
     call = json.dumps([name, *arguments])
     done = subprocess.run(
         [sys.executable, __file__, "--measure", call],
@@ -348,6 +353,54 @@ def jobs(scale):
     }
 
 
+def library_before(folder):
+    """The library at BEFORE, written into a folder; None where its commit is not at hand."""
+    archive = ["git", "-C", str(REPOSITORY), "archive", BEFORE, "icpshap", "config"]
+    done = subprocess.run(archive, capture_output=True, check=False)
+    if done.returncode:
+        print(f"No gains: commit {BEFORE} is not in this clone.")
+        return None
+    subprocess.run(["tar", "-x", "-C", folder], input=done.stdout, check=True)
+    return folder
+
+
+def gains(scale, repeat=2):
+    """CPU time of jobs before, over that of today: fastest of some, in turn."""
+    rows, figures = [], {}
+    with tempfile.TemporaryDirectory() as old, tempfile.TemporaryDirectory() as folder:
+        before = library_before(old)
+        if before is None:
+            return figures
+        measure("write_tables", folder, "apartment", 367_000 // scale)
+        for library in (before, LIBRARY):
+            measure("job", folder, "level", 1, library=library)  # fills the compilation cache
+        for kind in ("pair", "clean", "noisy"):
+            turns = [
+                [measure("job", folder, kind, library=one)["total"] for one in (before, LIBRARY)]
+                for _ in range(repeat)
+            ]
+            then, now = np.min(turns, axis=0)
+            figures["gain_pair" if kind == "pair" else f"gain_grid_{kind}"] = then / now
+            rows.append((kind, then, now, then / now))
+    heading = ("job", f"CPU s at {BEFORE}", "CPU s", "gain")
+    table("Jobs of the paper on 367,000 points, before and now", heading, rows)
+    return figures
+
+
+def explanation():
+    """Wall seconds of `icpshap explain` on the real spinning pair, if it is at hand."""
+    from benchmarks.one_pair import seconds, write
+
+    if "ICPSHAP_REAL_DATA" not in os.environ:
+        print("No explanation: ICPSHAP_REAL_DATA does not name a folder.")
+        return {}
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "icpshap", "explain", *write(folder, "spinning")]
+        found = seconds(command, 4)
+    print(f"\n`icpshap explain` of the spinning pair, two threads: {found:.2f} s")
+    return {"explanation_seconds_spinning": found}
+
+
 def speed(job):
     """Runs a core-second."""
     return job["runs"] / job["total"]
@@ -409,13 +462,19 @@ def draw_growth(by_size, by_runs, by_settings):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="a twentieth of the points, few runs")
+    parser.add_argument("--gains", action="store_true", help="nothing but before and now")
     parser.add_argument("--measure", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.measure:
         measured(arguments.measure)
         return
     scale = 20 if arguments.quick else 1
-    figures = compare(scale, 10 if arguments.quick else 100)
+    figures = gains(scale)
+    if arguments.gains:
+        print(json.dumps(figures))
+        return
+    figures |= explanation()
+    figures |= compare(scale, 10 if arguments.quick else 100)
     figures |= jobs(scale)
     if not arguments.quick:
         growth(

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from icpshap.icp.compiled import jit
-from icpshap.icp.keys import TOGETHER, decide, known, lowest, ones
+from icpshap.icp.keys import TOGETHER, decide, known, lowest
 from icpshap.icp.lanes import LANES, PRODUCTS, add_links
 from icpshap.icp.matching import match, squared_distance, work_arrays
 from icpshap.icp.trimming import ROOM, SAMPLE, predicted_bands, sampled_bands, select
@@ -111,13 +111,12 @@ def _decide(points, batch, work, run, queries, first, matches, limit, bounds, ba
         sure, within, unsure = decide(
             links, part, end, kept_key, dropped_key, made_key, unmade_key, none, rows
         )
-        kept += ones(sure)
-        made += ones(within)
+        kept += sure
+        made += within
         while unsure:
-            bit = lowest(unsure)
+            link = part + lowest(unsure)
             unsure &= unsure - 1
-            link = part + bit
-            found = np.int32(links[link])
+            key, found = np.int32(links[link] >> 32), np.int32(links[link])
             if found < 0:
                 continue
             query = link // matches
@@ -125,9 +124,9 @@ def _decide(points, batch, work, run, queries, first, matches, limit, bounds, ba
             d2 = squared_distance(points, np.int64(found), x, y, z)
             if d2 > limit:
                 continue
-            made += 1 - (within >> bit & 1)
+            made += key >= made_key
             if d2 < lower:
-                kept += 1 - (sure >> bit & 1)
+                kept += key >= kept_key
                 rows[link] = found
             elif d2 < upper:
                 entry = band.start[run] + band.count[run]

@@ -56,8 +56,8 @@ def decide(typing_context, links, first, last, kept, dropped, made, unmade, none
     links: int64, `matching.Work.links`. Keys (int32): below `kept` a link is kept, from `dropped`
     on it is neither kept nor in the band; below `made` it is within the distance limit, from
     `unmade` on it is not. rows: int32, set to the reference point of a link that is surely kept, to
-    `none` for others. Returns three numbers of TOGETHER bits: links that are surely kept, that are
-    surely made, and about which it is not sure.
+    `none` for others. Returns how many are surely kept, how many surely made, and about which it
+    is not sure, a bit for each.
     """
 
     def generate(context, builder, signature, arguments):
@@ -96,24 +96,15 @@ def decide(typing_context, links, first, last, kept, dropped, made, unmade, none
         ones = builder.shl(ir.Constant(long, 1), remaining)
         ones = builder.sub(ones, ir.Constant(long, 1))
         ones = builder.select(whole, ir.Constant(long, (1 << TOGETHER) - 1), ones)
-        results = [
+        known_kept, known_made, unsure = (
             builder.and_(builder.zext(builder.bitcast(mask, bits), long), ones)
             for mask in (below_kept, below_made, unsure)
-        ]
+        )
+        results = [builder.ctpop(known_kept), builder.ctpop(known_made), unsure]
         return context.make_tuple(builder, signature.return_type, results)
 
     inputs = (links, types.int64, types.int64, *[types.int32] * 5, rows)
     return types.UniTuple(types.int64, 3)(*inputs), generate
-
-
-@intrinsic
-def ones(typing_context, bits):
-    """How many bits of an int64 are set."""
-
-    def generate(context, builder, signature, arguments):
-        return builder.ctpop(arguments[0])
-
-    return types.int64(types.int64), generate
 
 
 @intrinsic

@@ -3,8 +3,10 @@
 Idea: an error metric is seven features of a link (source point p where it is now, reference point
 q, its normal n), and all that its minimum needs is the features' Gram matrix, the sum of their
 products over the links. So the matching loop makes one kind of sum for every metric, and the step
-is a little dense algebra for all runs at once. To add a metric, add a class here and its features
-to `write_features`.
+is a little dense algebra for all runs at once. To add a metric, add a class here and the function
+of its features to METRICS: plain arithmetic with a point (x, y, z) and a row of
+`Reference.surface`, and linear in that row, so that a row of zeros, which stands for no link, adds
+nothing.
 
     point to plane   [p x n, n, q.n - p.n]      Gram = normal equations, right-hand side, error
     point to point   [p, p - q, 1]              Gram = the moments that Kabsch's method needs
@@ -17,12 +19,10 @@ not cancel.
 Measured: docs/engine.md.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
-
-from icpshap.icp.compiled import jit
+from scipy.spatial.transform import Rotation
 
 FEATURES = 7
 SINGULAR = 1e-12  # smallest against largest eigenvalue below which a direction is unobservable
@@ -30,76 +30,18 @@ ROUNDING = 2.0**-53  # of one term of a sum, relative; a sum of n terms has roun
 
 
 def plane_features(x, y, z, a, b, c, d):
-    """Of a link to the tangent plane a x + b y + c z = d, the row of zeros being no link."""
+    """Of a link to the tangent plane a x + b y + c z = d."""
     distance = d - (x * a + y * b + z * c)
     return y * c - z * b, z * a - x * c, x * b - y * a, a, b, c, distance
 
 
 def point_features(x, y, z, a, b, c, one):
-    """Of a link to the point (a, b, c), the row of zeros being no link."""
+    """Of a link to the point (a, b, c)."""
     px, py, pz = x * one, y * one, z * one
     return px, py, pz, px - a, py - b, pz - c, one
 
 
 METRICS = (plane_features, point_features)
-
-
-@jit
-def rotations(vectors):
-    """Rotation matrices (R, 3, 3) about angle-axis vectors (R, 3) [rad]."""
-    result = np.empty((len(vectors), 3, 3))
-    for run in range(len(vectors)):
-        x, y, z = vectors[run]
-        square = x * x + y * y + z * z
-        angle = math.sqrt(square)
-        # Of sin(angle) / angle and (1 - cos(angle)) / angle^2, their series where these cancel.
-        first = math.sin(angle) / angle if angle > 1e-3 else 1.0 - square / 6.0 + square**2 / 120.0
-        half = 0.5 * angle
-        ratio = math.sin(half) / half if angle > 1e-3 else 1.0 - square / 24.0 + square**2 / 1920.0
-        second = 0.5 * ratio * ratio
-        result[run, 0] = 1.0 - second * (y * y + z * z), second * x * y, second * x * z
-        result[run, 1] = second * x * y, 1.0 - second * (x * x + z * z), second * y * z
-        result[run, 2] = second * x * z, second * y * z, 1.0 - second * (x * x + y * y)
-        result[run, 0, 1] -= first * z
-        result[run, 1, 0] += first * z
-        result[run, 0, 2] += first * y
-        result[run, 2, 0] -= first * y
-        result[run, 1, 2] -= first * x
-        result[run, 2, 1] += first * x
-    return result
-
-
-@jit
-def _plane_steps(gram):
-    """Angle-axis vectors and translations (R, 6), and which are determined (R,)."""
-    result = np.zeros((len(gram), 6))
-    determined = np.empty(len(gram), np.bool_)
-    scaled = np.empty((6, 6))
-    scale, coefficients = np.empty(6), np.empty(6)
-    for run in range(len(gram)):
-        # Unit diagonal: whether it is singular must not depend on the unit of length.
-        for i in range(6):
-            scale[i] = math.sqrt(max(gram[run, i, i], 1e-300))
-        for i in range(6):
-            for j in range(6):
-                scaled[i, j] = gram[run, i, j] / (scale[i] * scale[j])
-        values, vectors = np.linalg.eigh(scaled)
-        # Equal links round alike, sum after sum; of unit normals, the squares sum to the links.
-        links = gram[run, 3, 3] + gram[run, 4, 4] + gram[run, 5, 5]
-        least = max(SINGULAR, 6 * ROUNDING * links)
-        determined[run] = values[0] > least * values[5]
-        if not determined[run]:
-            continue
-        for k in range(6):
-            coefficients[k] = 0.0
-            for i in range(6):
-                coefficients[k] += vectors[i, k] * (gram[run, i, 6] / scale[i])
-            coefficients[k] /= values[k]
-        for i in range(6):
-            for k in range(6):
-                result[run, i] += vectors[i, k] * coefficients[k]
-            result[run, i] /= scale[i]
-    return result, determined
 
 
 @dataclass(frozen=True)
@@ -116,8 +58,19 @@ class PointToPlane:
 
     def step(self, gram):
         """Steps (R, 4, 4) and which are determined (R,), from Gram matrices (R, 7, 7)."""
-        x, determined = _plane_steps(gram)
-        return _rigid(rotations(x[:, :3]), x[:, 3:]), determined
+        normal_matrix, right = gram[:, :6, :6], gram[:, :6, 6]
+        # Unit diagonal: whether it is singular must not depend on the unit of length.
+        scale = np.sqrt(np.maximum(np.diagonal(normal_matrix, axis1=1, axis2=2), 1e-300))
+        values, vectors = np.linalg.eigh(normal_matrix / (scale[:, :, None] * scale[:, None, :]))
+        # Equal links round alike, sum after sum; of unit normals, the squares sum to the links.
+        links = gram[:, 3, 3] + gram[:, 4, 4] + gram[:, 5, 5]
+        rounding = 6 * ROUNDING * links
+        determined = values[:, 0] > np.maximum(SINGULAR, rounding) * values[:, -1]
+        values[~determined] = 1.0
+        coefficients = np.einsum("rij,ri->rj", vectors, right / scale) / values
+        x = np.einsum("rij,rj->ri", vectors, coefficients) / scale
+        x[~determined] = 0.0
+        return _rigid(Rotation.from_rotvec(x[:, :3]).as_matrix(), x[:, 3:]), determined
 
     def squared_error(self, gram):
         """Sum of squared distances to the planes (R,) [m^2]."""

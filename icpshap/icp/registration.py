@@ -131,29 +131,17 @@ def _batches(lengths, source_points, matches):
 
 
 @jit
-def _take(steps, active, T, angles, lengths, column):
-    """Take the steps (n, 4, 4) of the n active runs of T (R, 4, 4).
-
-    Their angles [rad] and lengths [m] are written to that column of angles and lengths (R, 3).
-    """
-    for number in range(len(active)):
-        run, step = active[number], steps[number]
-        # From sine and cosine, as precise for small angles as for large ones.
-        x = step[2, 1] - step[1, 2]
-        y = step[0, 2] - step[2, 0]
-        z = step[1, 0] - step[0, 1]
-        cosine = step[0, 0] + step[1, 1] + step[2, 2] - 1.0
-        angles[run, column] = math.atan2(math.sqrt(x * x + y * y + z * z), cosine)
-        before = T[run].copy()
-        for i in range(3):
-            for j in range(4):
-                T[run, i, j] = step[i, 3] * before[3, j]
-                for k in range(3):
-                    T[run, i, j] += step[i, k] * before[k, j]
-        moved = 0.0
-        for i in range(3):
-            moved += (T[run, i, 3] - before[i, 3]) ** 2
-        lengths[run, column] = math.sqrt(moved)
+def _rotation_angles(T):
+    """Angles (R,) [rad] of the rotations of T (R, 4, 4)."""
+    # From sine and cosine, as precise for small angles as for large ones.
+    result = np.empty(len(T))
+    for run in range(len(T)):
+        x = T[run, 2, 1] - T[run, 1, 2]
+        y = T[run, 0, 2] - T[run, 2, 0]
+        z = T[run, 1, 0] - T[run, 0, 1]
+        cosine = T[run, 0, 0] + T[run, 1, 1] + T[run, 2, 2] - 1.0
+        result[run] = math.atan2(math.sqrt(x * x + y * y + z * z), cosine)
+    return result
 
 
 def _register_batch(reference, points, positions, chain, batch, result):
@@ -178,7 +166,10 @@ def _register_batch(reference, points, positions, chain, batch, result):
         step, determined = minimiser.step(gram_matrices(sums.products[active]))
         status[active[~determined]] = "degenerate"
         active, step = active[determined], step[determined]
-        _take(step, active, T, angles, lengths, turn % 3)
+        T_next = step @ T[active]
+        angles[active, turn % 3] = _rotation_angles(step)
+        lengths[active, turn % 3] = np.linalg.norm(T_next[:, :3, 3] - T[active, :3, 3], axis=1)
+        T[active] = T_next
         iterations[active] += 1
         if turn >= 2:
             still = angles[active].mean(axis=1) < stopping.rotation

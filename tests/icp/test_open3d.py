@@ -93,9 +93,8 @@ def from_poses(pair, T_initial):
 @pytest.fixture
 def turn_by_axes(monkeypatch):
     """Open3D turns about z, y, x in turn, the chain about one axis: here as Open3D does."""
-    monkeypatch.setattr(
-        "icpshap.icp.minimisers.rotations", lambda x: Rotation.from_euler("xyz", x).as_matrix()
-    )
+    by_axes = type("ByAxes", (), {"from_rotvec": lambda x: Rotation.from_euler("xyz", x)})
+    monkeypatch.setattr("icpshap.icp.minimisers.Rotation", by_axes)
 
 
 def test_point_to_point_after_30_iterations(pair):

@@ -8,11 +8,9 @@ import numpy as np
 import plain_icp
 import pytest
 import threadpoolctl
-from scipy.spatial.transform import Rotation
 
 from icpshap import icp, se3
 from icpshap.icp.circles import Circles
-from icpshap.icp.minimisers import rotations
 from icpshap.icp.order import spatial
 
 PLANES = icp.Chain()
@@ -196,14 +194,6 @@ def test_rounds_that_are_skipped_change_nothing_but_rounding(monkeypatch):
         np.testing.assert_allclose(
             result.T_reference_source, expected.T_reference_source, rtol=0, atol=1e-12
         )
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 9.9e-4, 1.1e-3, 1.0, 3.1])
-def test_rotations_of_small_and_large_vectors(angle):
-    vectors = np.random.default_rng(1).normal(size=(5, 3))
-    vectors *= angle / np.linalg.norm(vectors, axis=1)[:, None]
-    expected = Rotation.from_rotvec(vectors).as_matrix()
-    np.testing.assert_allclose(rotations(vectors), expected, rtol=0, atol=1e-15)
 
 
 def test_the_place_in_spatial_order_does_not_depend_on_the_other_points():
