@@ -1,4 +1,4 @@
-"""The command icpshap: explain one pair of scans, or say whether the options fit it.
+"""The command icpshap: explain or diagnose one pair of scans, or say whether options fit it.
 
 Exit status: 0 done, 1 data or options that cannot be used, 2 a wrong command line, 130 stopped.
 """
@@ -25,6 +25,12 @@ examples:
   icpshap explain a.ply b.ply --sensor-noise 0.05 --partial-overlap 0    another level, one off
   icpshap explain a.ply b.ply --json > pair.json
   icpshap explain a.ply b.ply --html pair.html --covariance covariance.txt
+"""
+DIAGNOSE_EXAMPLES = """\
+examples:
+  icpshap diagnose a.ply b.ply --healthy c.ply d.ply --healthy d.ply e.ply
+  icpshap diagnose a.ply b.ply --transform T.txt --sensor velodyne_vlp_16
+  icpshap diagnose a.ply b.ply --json > diagnosis.json
 """
 FIT_EXAMPLES = """\
 examples:
@@ -115,6 +121,29 @@ def _explain(given: argparse.Namespace) -> None:
     elif not given.quiet:
         width = min(shutil.get_terminal_size((100, 40)).columns, 100)
         print(explanation.to_text(width, _colours()))
+
+
+def _diagnose(given: argparse.Namespace) -> None:
+    from icpshap.one_pair.diagnosis import diagnose
+    from icpshap.one_pair.given import read_scan
+
+    columns = given.columns.split(",") if given.columns else None
+    reference, source = _scans(given)
+    found = diagnose(
+        reference,
+        source,
+        _transform(given.transform),
+        healthy=[[read_scan(path, columns) for path in pair] for pair in given.healthy],
+        sensor=given.sensor,
+        estimator=_estimator(given),
+        T_initial=_transform(given.initial_transform),
+    )
+    if given.json:
+        if hasattr(sys.stdout, "reconfigure"):
+            sys.stdout.reconfigure(encoding="utf-8")  # that of JSON, whatever the terminal's
+        print(found.to_json(), end="")
+    else:
+        print(found.to_text(min(shutil.get_terminal_size((100, 40)).columns, 100)))
 
 
 def _fit(given: argparse.Namespace) -> None:
@@ -296,7 +325,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="icpshap",
         description="Why is the registration of two scans uncertain?",
-        epilog="icpshap explain --help and icpshap fit --help have examples.",
+        epilog="Each command has examples: icpshap explain --help.",
     )
     parser.add_argument("--version", action="version", version=f"icpshap {__version__}")
     commands = parser.add_subparsers(required=True, metavar="command")
@@ -334,14 +363,40 @@ def _parser() -> argparse.ArgumentParser:
     )
     explain.add_argument("--save", metavar="FILE", help="write all of it, for Explanation.load")
     explain.add_argument("--quiet", action="store_true", help="print nothing but errors, and JSON")
-    _command(commands, "fit", "whether the options fit two scans, without ICP", FIT_EXAMPLES, _fit)
+    fit = _command(
+        commands, "fit", "whether the options fit two scans, without ICP", FIT_EXAMPLES, _fit
+    )
+    diagnose = _command(
+        commands,
+        "diagnose",
+        "what is wrong with two scans, beside healthy ones, without perturbing them",
+        DIAGNOSE_EXAMPLES,
+        _diagnose,
+    )
+    diagnose.add_argument(
+        "--healthy",
+        nargs=2,
+        action="append",
+        default=[],
+        metavar=("A", "B"),
+        help="a pair of the same scanner in the same kind of place, which says what is usual; may "
+        "be repeated",
+    )
+    diagnose.add_argument(
+        "--sensor",
+        metavar="NAME",
+        help="where there is no such pair: the scanner whose published noise is taken, such as "
+        "velodyne_vlp_16",
+    )
+    diagnose.add_argument("--json", action="store_true", help="print JSON instead of a screen")
+    _add_causes(explain)
+    _add_causes(fit)
     return parser
 
 
 def _command(commands, name, purpose, examples, run):
     """A command with the arguments that all have."""
-    from icpshap.causes import CAUSES
-    from icpshap.one_pair.given import CAUSES_GIVEN, PRESETS
+    from icpshap.one_pair.given import PRESETS
 
     command = commands.add_parser(
         name,
@@ -378,6 +433,13 @@ def _command(commands, name, purpose, examples, run):
     command.add_argument(
         "--columns", metavar="x,y,z,..", help="columns of scan files that do not name theirs"
     )
+    return command
+
+
+def _add_causes(command):
+    from icpshap.causes import CAUSES
+    from icpshap.one_pair.given import CAUSES_GIVEN
+
     causes = command.add_argument_group("levels of the causes")
     for cause in CAUSES.values():
         unit = f" [{cause.unit}]" if cause.unit else ""
@@ -388,7 +450,6 @@ def _command(commands, name, purpose, examples, run):
             metavar=cause.symbol,
             help=f"{cause.title}{unit} ({f'{usual:g}' if usual else 'off'}; off is {cause.off:g})",
         )
-    return command
 
 
 def _positive(text):
