@@ -102,7 +102,7 @@ def _count(case, group, known, names, counts):
     if group != "mixture":
         level = diagnosis.verdict.levels[true]
         # Of the overlap the injector's levels are shares of what there is.
-        level /= known[case.pair].pair.overlap if true == "partial_overlap" else 1.0
+        level /= known[case.pair].diagnostics.overlap if true == "partial_overlap" else 1.0
         if level > 0:
             counts.levels[found.first].append((case.parts[found.first], level))
     if told.get("diagnosis", true) != true:

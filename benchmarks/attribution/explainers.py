@@ -30,18 +30,13 @@ FORWARD = {
 def healthy_pairs(sequence):
     """`diagnose.Known` of every clean pair of a sequence."""
     return [
-        Known(
-            _pair(sequence.clouds[k : k + 2], sequence.T(k)),
-            Streams(SEED, "healthy", k, k + 1),
-        )
-        for k in range(SCANS - 1)
+        _known(sequence.clouds[k : k + 2], sequence.T(k), f"healthy {k}") for k in range(SCANS - 1)
     ]
 
 
 def diagnosis(case, T_reference_source, others):
     """The `Diagnosis` of a case against the `Known` other pairs of its sequence."""
-    streams = Streams(SEED, "degraded", case.pair, case.pair + 1)
-    return diagnose(Known(_pair(case.clouds(), T_reference_source), streams), others)
+    return diagnose(_known(case.clouds(), T_reference_source, "degraded"), others)
 
 
 def surest(diagnosis):
@@ -54,15 +49,16 @@ def removed(diagnosis, case, others):
     """The cause whose removal helps most on a healthy pair with the levels that were diagnosed."""
     scale, divisor = case.told()
     levels = {**diagnosis.verdict.levels, "initial_pose": scale, "icp_randomness": divisor}
-    return by_removal(others[diagnosis.healthiest].pair, levels)
+    return by_removal(others[diagnosis.healthiest].load(), levels)
 
 
 def ceiling(case, clean):
     """The same with the true levels, on the true pair as it was: a `Known` one."""
     levels = {case.cause(part): level for part, level in case.parts.items()}
+    pair = clean.load()
     if "partial_overlap" in levels:
-        levels["partial_overlap"] *= clean.pair.overlap
-    return by_removal(clean.pair, levels)
+        levels["partial_overlap"] *= pair.overlap
+    return by_removal(pair, levels)
 
 
 def forward(case, T_reference_source):
@@ -114,3 +110,8 @@ def _log_errors(pair, levels):
 def _pair(clouds, T_reference_source):
     pair = Pair.measured(*clouds, T_reference_source, PERTURBATION.overlap_distance)
     return pair.for_chain(REGISTERED_BY.estimator.perturbing.minimum_range)
+
+
+def _known(clouds, T_reference_source, name):
+    pair = _pair(clouds, T_reference_source)
+    return Known(lambda: pair, Streams(SEED, name, 0, 1))

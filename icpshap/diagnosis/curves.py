@@ -15,7 +15,7 @@ from icpshap.diagnosis.diagnostics import NUMBERS, diagnostics
 DRAWS = 3  # of a cause that is another one in each
 # Levels of the causes that scans show. Of the overlap they are shares of what there is.
 LEVELS = {
-    "sensor_noise": (0.005, 0.01, 0.02, 0.04, 0.08),
+    "sensor_noise": (0.005, 0.01, 0.014, 0.02, 0.028, 0.04, 0.057, 0.08),
     "partial_overlap": (0.25, 0.5, 0.75, 0.875, 0.95),
     "under_constrained": (0.5, 0.8, 0.9, 0.95, 0.98, 0.99, 0.997),
 }

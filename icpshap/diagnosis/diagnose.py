@@ -36,25 +36,35 @@ class Diagnosis(NamedTuple):
 
 
 class Known:
-    """A data.pair.Pair that is measured once, and its curves where they are asked for."""
+    """A pair that is measured once, and its curves where they are asked for.
 
-    def __init__(self, pair, streams):
-        self.pair, self.streams = pair, streams.branched("diagnosis/")
+    load: function without arguments to the data.pair.Pair, so that the scans of a long drive need
+    not be held at once; streams: perturb.Streams of the pair.
+    """
+
+    def __init__(self, load, streams):
+        self.load, self.streams = load, streams.branched("diagnosis/")
 
     @cached_property
     def diagnostics(self):
-        return of_pair(self.pair)
+        return of_pair(self.load())
 
     @cached_property
     def curves(self):
         """`curves.Curve` by name of the cause."""
-        return {
-            name: curve(name, self.pair, self.diagnostics, self.streams) for name in causes.shown()
-        }
+        pair = self.load()
+        return {name: curve(name, pair, self.diagnostics, self.streams) for name in causes.shown()}
 
 
 def diagnose(known, others):
-    """The `Diagnosis` of a `Known` pair against others, of which some may be unusual."""
+    """The `Diagnosis` of a `Known` pair against others, of which some may be unusual.
+
+    Nothing is known of a pair whose diagnostics are not, nor beside such pairs alone.
+    """
+    places = [place for place, other in enumerate(others) if other.diagnostics.are_known]
+    if not known.diagnostics.are_known or not places:
+        return diagnose_alone(known, None)
+    others = [others[place] for place in places]
     logarithms = np.array([other.diagnostics.logarithms for other in others])
     healthy = Healthy.of(logarithms)
     # The most usual one: its curves stand for all.
@@ -63,7 +73,7 @@ def diagnose(known, others):
     found = verdict(known.diagnostics.logarithms, healthy, curves)
     z = healthy.z(known.diagnostics.logarithms)
     z = {name: float(z[of.own] * of.direction) for name, of in curves.items()}
-    return Diagnosis(known.diagnostics, z, found, OTHERS, len(others), healthiest)
+    return Diagnosis(known.diagnostics, z, found, OTHERS, len(others), places[healthiest])
 
 
 def diagnose_alone(known, sensor):
@@ -72,9 +82,9 @@ def diagnose_alone(known, sensor):
     Of noise alone: an overlap or a weak direction is unusual only beside others.
     """
     nowhere = dict.fromkeys(causes.shown(), np.nan)
-    if sensor is None:
+    if sensor is None or not known.diagnostics.are_known:
         return Diagnosis(known.diagnostics, nowhere, _unknown(), NONE, 0, None)
-    published = _published(known.pair, sensor)
+    published = _published(known.load(), sensor)
     residual = known.diagnostics.plane_residual
     healthy = Healthy(np.log([published]), np.array([OF_A_SHEET]), np.array([0.0]))
     levels = np.array([0.0, *LEVELS["sensor_noise"]])

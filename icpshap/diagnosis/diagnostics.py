@@ -11,10 +11,10 @@ from scipy.spatial import KDTree
 
 from icpshap import se3
 from icpshap.diagnosis.planes import planes
-from icpshap.errors import DataError
 from icpshap.geometry import root_mean_square_distance
 
 SAMPLE = 1200  # points of a scan at most, every k-th, at which planes are measured
+FEWEST = 6  # planes that hold a pose
 NUMBERS = ("plane_residual", "overlap", "reference_points", "weakest_information")
 
 
@@ -37,6 +37,11 @@ class Diagnostics(NamedTuple):
     length: float
 
     @property
+    def are_known(self):
+        """Whether all of them could be measured."""
+        return bool(np.isfinite(self.weakest_information) and self.weakest_information > 0)
+
+    @property
     def logarithms(self):
         """Of the `NUMBERS` (4,): causes multiply them."""
         return np.log([getattr(self, name) for name in NUMBERS])
@@ -45,7 +50,7 @@ class Diagnostics(NamedTuple):
 def diagnostics(reference, source, T_reference_source, minimum_range, overlap_distance):
     """The `Diagnostics` of two scans (n, 3) and (m, 3) [m], each in its scanner's frame.
 
-    Raises DataError where they do not overlap, or show no planes.
+    What cannot be measured, where they hardly overlap or show no planes, is NaN.
     """
     moved = se3.transform(T_reference_source, source)
     distances, _ = KDTree(reference).query(moved, distance_upper_bound=overlap_distance)
@@ -56,11 +61,10 @@ def diagnostics(reference, source, T_reference_source, minimum_range, overlap_di
     in_range = np.flatnonzero(np.linalg.norm(reference, axis=1) > minimum_range)
     of_reference = planes(reference, _every(in_range))
     known = np.isfinite(of_source.residuals)
-    if np.count_nonzero(known) < 6:
-        raise DataError(
-            f"{len(informing)} overlapping source points beyond {minimum_range:g} m, and "
-            f"{np.count_nonzero(known)} planes at {len(rows)} of them, expected at least 6.",
-            "check the pose, its direction (it maps source to reference) and the units.",
+    overlap = float(overlapping.sum() / len(reference))
+    if np.count_nonzero(known) < FEWEST:
+        return Diagnostics(
+            np.nan, overlap, float(len(in_range)), np.nan, np.full(6, np.nan), np.nan
         )
     length = root_mean_square_distance(moved[informing])
     arms = (moved[rows] - moved[informing].mean(axis=0))[known]
@@ -71,7 +75,7 @@ def diagnostics(reference, source, T_reference_source, minimum_range, overlap_di
     weakest = directions[:, 0]
     return Diagnostics(
         float(np.nanmedian(np.concatenate([of_source.residuals, of_reference.residuals]))),
-        float(overlapping.sum() / len(reference)),
+        overlap,
         float(len(in_range)),
         float(information[0] / information.sum()),
         # Of either sign: that with the largest component positive.

@@ -3,24 +3,25 @@
 import pandas as pd
 
 from icpshap import causes
-from icpshap.diagnosis.diagnose import Known, diagnose, diagnose_alone
+from icpshap.diagnosis.diagnose import Known, diagnose
 from icpshap.diagnosis.diagnostics import NUMBERS
 from icpshap.explanation.directions import VECTOR, in_words
 
+NEIGHBOURS = 16  # pairs before and behind that a pair is held against: a drive goes elsewhere
 
-def table(pairs, streams):
-    """The table of data.pair.Pairs, of which `streams` are the perturb.Streams, in their order.
 
-    Raises DataError for scans that do not overlap.
+def table(loads, streams):
+    """The table of pairs in their order: functions that load each, and its perturb.Streams.
+
+    A row may be of a pair that cannot be measured; its numbers are NaN then.
     """
-    known = [Known(pair, of_pair) for pair, of_pair in zip(pairs, streams, strict=True)]
+    known = [Known(load, of_pair) for load, of_pair in zip(loads, streams, strict=True)]
     rows = []
-    for place, (one, of_pair) in enumerate(zip(known, streams, strict=True)):
-        places = [other for other in range(len(known)) if other != place]
-        others = [known[other] for other in places]
-        found = diagnose(one, others) if others else diagnose_alone(one, None)
-        healthiest = streams[places[found.healthiest]] if others else None
-        rows.append(row(found, of_pair, healthiest))
+    for place, one in enumerate(known):
+        near = sorted(range(len(known)), key=lambda other: abs(other - place))[1 : NEIGHBOURS + 1]
+        found = diagnose(one, [known[other] for other in near])
+        healthiest = None if found.healthiest is None else streams[near[found.healthiest]]
+        rows.append(row(found, streams[place], healthiest))
     return pd.DataFrame(rows)
 
 
@@ -41,7 +42,7 @@ def row(found, streams, healthiest):
         "healthiest_reference": healthiest.reference if healthiest else -1,
         "healthiest_source": healthiest.source if healthiest else -1,
         **{name: getattr(diagnostics, name) for name in NUMBERS},
-        "weakest": in_words(diagnostics.direction),
+        "weakest": in_words(diagnostics.direction) if diagnostics.are_known else "",
         **dict(zip(VECTOR, diagnostics.direction, strict=True)),
         "length": diagnostics.length,
         **{f"level_{name}": verdict.levels[name] for name in causes.shown()},

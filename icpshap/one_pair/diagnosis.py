@@ -4,6 +4,7 @@ import json
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import pandas as pd
@@ -13,7 +14,7 @@ from icpshap.causes._sensors import SENSORS
 from icpshap.diagnosis.diagnose import Known, diagnose_alone
 from icpshap.diagnosis.diagnose import diagnose as diagnose_against
 from icpshap.diagnosis.table import row
-from icpshap.errors import UserError
+from icpshap.errors import DataError, UserError
 from icpshap.estimators.perturb import Streams
 from icpshap.one_pair.given import SEED, given, named_pair, scan
 from icpshap.one_pair.recipe import pair_of
@@ -125,7 +126,14 @@ def diagnose(
             clouds = scan(first, f"{word}reference"), scan(second, f"{word}source")
             pair, truth = pair_of(*clouds, pose, start, asked)
             minimum_range = asked.preset.estimator.perturbing.minimum_range
-            known.append((Known(pair.for_chain(minimum_range), of_pair), truth))
+            measured = Known(partial(pair.for_chain, minimum_range), of_pair)
+            if not measured.diagnostics.are_known:
+                raise DataError(
+                    f"{word or 'the pair: '}an overlap of {measured.diagnostics.overlap:.3f} at "
+                    f"the pose, or no planes beyond {minimum_range:g} m: nothing can be measured.",
+                    "check the pose, its direction (it maps source to reference) and the units.",
+                )
+            known.append((measured, truth))
         (one, truth), *others = known
         if others:
             found = diagnose_against(one, [other for other, _ in others])

@@ -1,7 +1,7 @@
 """What is wrong with pairs of scans, in words; tables are those of `diagnosis.table`."""
 
 import numpy as np
-import pandas as pd
+from tabulate import tabulate
 
 from icpshap import causes
 from icpshap.diagnosis.diagnose import NONE, OTHERS
@@ -78,21 +78,22 @@ def _short(row):
     return words.listed([_found(name, row) for name in names])
 
 
-def levels(table):
-    """What was found of each pair, a row each, as a frame of text."""
+def html(table, study):
+    """What was found of each pair, as an HTML table; cells: standard deviations from the others."""
+    names = causes.shown()
     rows = [
-        {
-            "reference": row.reference,
-            "source": row.source,
-            **{causes.CAUSES[name].title: _cell(name, row) for name in causes.shown()},
-            "verdict": _short(row) if row.verdict in (FOUND, UNDECIDED) else row.verdict,
-            "probability": "" if np.isnan(row.confidence) else f"{row.confidence:.2f}",
-        }
+        [
+            study.pair(row),
+            *(_standing(getattr(row, f"z_{name}")) for name in names),
+            _short(row) if row.verdict in (FOUND, UNDECIDED) else row.verdict,
+            "" if np.isnan(row.confidence) else f"{row.confidence:.2f}",
+        ]
         for row in table.itertuples()
     ]
-    return pd.DataFrame(rows)
+    deviations = [f"{title}, deviations" for title in words.titles(names)]
+    header = ["pair", *deviations, "verdict", "probability"]
+    return tabulate(rows, header, tablefmt="html", disable_numparse=True)
 
 
-def _cell(name, row):
-    z = getattr(row, f"z_{name}")
-    return "" if np.isnan(z) else f"z {z:+.1f}"
+def _standing(z):
+    return "" if np.isnan(z) else f"{z:+.1f}"

@@ -13,6 +13,7 @@ from icpshap.report import (
     advice,
     by_estimator,
     captions,
+    diagnosis,
     directions,
     doubts,
     effects,
@@ -34,8 +35,8 @@ class Section:
     """What the page says of one experiment, or of one sequence of it.
 
     figures: paths of SVG files, each beside a .txt with its caption and, for a scene, an .html;
-    links: paths of files; ranking, what_if: table, or None. Paths are relative to the working
-    directory.
+    links: paths of files; ranking, what_if, diagnosis: table, or None. Paths are relative to the
+    working directory.
     """
 
     scope: str
@@ -48,6 +49,7 @@ class Section:
     ranking: object
     figures: list
     links: list
+    diagnosis: object = None
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,9 @@ def page(sections, run, folder, comparison=None, joined=()):
     return environment.get_template(TEMPLATE.name).render(
         findings=_findings(sections, joined),
         symbols=_symbols(sections),
+        diagnoses=_diagnoses(sections),
         fits=[(section.scope, *_fit(section)) for section in sections],
+        unseen=diagnosis.unseen(),
         warnings=warnings(sections),
         joined=[_described_estimators(part, folder) for part in joined],
         parts=[section.scope for section in sections if section.study.name in parts],
@@ -157,6 +161,27 @@ def _advice(section):
 def _fit(section):
     """How the settings fit the scans: the table, and whether all of it does."""
     return Markup(fit.html(section.fit, section.study)), (section.fit.grade == "fits").all()
+
+
+def _diagnoses(sections):
+    """What is wrong with the pairs of each section: scope, sentence, and the table if it is long.
+
+    What several sections have in common, since they are of the same pairs, is said once.
+    """
+    found = {}
+    for section in sections:
+        if section.diagnosis is None:
+            continue
+        text = diagnosis.summary(section.diagnosis, section.study.pair)
+        found.setdefault(text, []).append(section)
+    return [
+        (
+            ", ".join(section.scope for section in together),
+            text,
+            Markup(diagnosis.html(together[0].diagnosis, together[0].study)),
+        )
+        for text, together in found.items()
+    ]
 
 
 def _symbols(sections):
