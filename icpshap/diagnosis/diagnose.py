@@ -10,12 +10,13 @@ import numpy as np
 
 from icpshap import causes
 from icpshap.causes._sensors import SENSORS
-from icpshap.diagnosis.curves import LEVELS, Curve, curve, of_pair
+from icpshap.diagnosis.curves import Curve, curve, of_pair
 from icpshap.diagnosis.diagnostics import Diagnostics
 from icpshap.diagnosis.verdict import Healthy, Verdict, verdict
 
-# What a sheet says is of one target, and of this share more or less (a logarithm) of another.
-OF_A_SHEET = 0.5
+# What a sheet says is of one target: of others the logarithm of the residual differs by this.
+OF_A_SHEET = 0.4
+TIMES_PUBLISHED = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # levels that are tried then
 OTHERS, SHEET, NONE = "other pairs", "data sheet", "nothing"
 
 
@@ -87,7 +88,7 @@ def diagnose_alone(known, sensor):
     published = _published(known.load(), sensor)
     residual = known.diagnostics.plane_residual
     healthy = Healthy(np.log([published]), np.array([OF_A_SHEET]), np.array([0.0]))
-    levels = np.array([0.0, *LEVELS["sensor_noise"]])
+    levels = published * np.array([0.0, *TIMES_PUBLISHED])
     changes = 0.5 * np.log1p((levels[:, None] / published) ** 2)
     of_noise = Curve(levels, changes, np.zeros_like(changes), 0)
     found = verdict(np.log([residual]), healthy, {"sensor_noise": of_noise})

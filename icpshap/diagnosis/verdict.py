@@ -18,6 +18,8 @@ FLOOR = dict(zip(NUMBERS, (0.05, 0.05, 0.05, 0.15), strict=True))
 # How wrong the change is that a level makes, of itself, on another pair of the sequence. What holds
 # the weak direction may be gone with its points, or not have been there: that is all the same.
 MODEL = dict(zip(NUMBERS, (0.25, 0.25, 1.0, 0.25), strict=True))
+# Of changes by a cause: noise makes the residual no smaller, and nothing adds overlap or points.
+LIMITS = np.array([[0, -np.inf, -np.inf, -np.inf], [np.inf, 0, 0, np.inf]])
 FREEDOM = 4.0  # of Student's t: healthy pairs are few, and some differ more than a normal law has
 BEFORE = 0.1  # probability of a cause before anything is measured
 SURE = 0.8  # probability from which on a cause is named whatever another one's is
@@ -113,6 +115,14 @@ def verdict(logarithms, healthy, curves):
     )
 
 
+def _worse(changes):
+    """Changes (..., k) without what is better than usual, which is no sign of a cause.
+
+    The weakest information may change both ways: noise blurs which direction is weak.
+    """
+    return np.clip(changes, *LIMITS[:, : changes.shape[-1]])
+
+
 def _evidence(logarithms, healthy, curves):
     """Mean likelihood over all levels of a set of curves, as a logarithm; place of the best."""
     predicted, variance = healthy.median, healthy.deviation**2
@@ -123,7 +133,8 @@ def _evidence(logarithms, healthy, curves):
         changes, spreads = curve.changes[1:], curve.spreads[1:]
         predicted = predicted + changes.reshape(of_axis)
         variance = variance + (spreads**2 + (healthy.model * changes) ** 2).reshape(of_axis)
-    squares = (logarithms - predicted) ** 2 / variance
+    squares = (_worse(logarithms - healthy.median) - _worse(predicted - healthy.median)) ** 2
+    squares = squares / variance
     likelihood = -0.5 * ((FREEDOM + 1) * np.log1p(squares / FREEDOM) + np.log(variance)).sum(-1)
     best = np.unravel_index(np.argmax(likelihood), shape) if curves else ()
     return np.log(np.mean(np.exp(likelihood))), [place + 1 for place in best]

@@ -9,6 +9,7 @@ import yaml
 from jinja2 import Environment, FileSystemLoader
 from markupsafe import Markup
 
+from icpshap.diagnosis.diagnose import OTHERS
 from icpshap.report import (
     advice,
     by_estimator,
@@ -170,8 +171,8 @@ def _diagnoses(sections):
     """
     found = {}
     for section in sections:
-        if section.diagnosis is None:
-            continue
+        if section.diagnosis is None or not (section.diagnosis.against == OTHERS).any():
+            continue  # a pair alone has nothing to be held against
         text = diagnosis.summary(section.diagnosis, section.study.pair)
         found.setdefault(text, []).append(section)
     return [

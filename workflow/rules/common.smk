@@ -433,7 +433,9 @@ def figures_of(experiment, scope, kind):
 
 def sequences_of(experiment, scope):
     """The sequences of an experiment that a scope of it holds."""
-    return [key for key in experiment.pairs if scope in (experiment.name, f"{experiment.name}/{key}")]
+    return [
+        key for key in experiment.pairs if scope in (experiment.name, f"{experiment.name}/{key}")
+    ]
 
 
 def diagnoses_of(experiment, scope):
