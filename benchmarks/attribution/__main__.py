@@ -1,7 +1,8 @@
 """Does an explanation name what was done to a pair? Degraded pairs of scans, and who finds it out.
 
     python -m benchmarks.attribution [--seed 20261130] [--scenes corridor street] [--every 9]
-        [--groups single unknown mixture clean] [--explainers diagnosis removal ceiling forward]
+        [--groups single unknown mixture clean real]
+        [--explainers diagnosis removal ceiling forward]
 
 Pairs of simulated scans are degraded (`injector`); what each part does to ICP is measured
 (`effects`): the labels that an explainer (`explainers`) must find. Cases without an effect are
@@ -18,6 +19,7 @@ from tabulate import tabulate
 
 from benchmarks.attribution import explainers, injector
 from benchmarks.attribution.effects import effects
+from benchmarks.attribution.real import real_cases
 from benchmarks.attribution.score import MARGIN, Score, share_of_best_drop
 
 GROUPS = {
@@ -26,6 +28,7 @@ GROUPS = {
     "mixture": injector.mixtures,
 }
 CLEAN = "clean"  # pairs to which nothing was done
+REAL = "real"  # where ICPSHAP_REAL_DATA is set
 EXPLAINERS = ("diagnosis", "removal", "ceiling", "forward")
 
 
@@ -61,6 +64,9 @@ def main():
                 _count(case, group, known, given.explainers, counts)
         if CLEAN in given.groups:
             _count_false_alarms(sequence, known, counts)
+    for case in real_cases(given.seed)[:: given.every] if REAL in given.groups else ():
+        clean = explainers.healthy_pairs(case.sequence)
+        _count(case, REAL, clean, given.explainers, counts)
     _print(counts)
 
 
@@ -68,7 +74,7 @@ def _arguments():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=injector.FIRST_SEED)
     parser.add_argument("--scenes", nargs="+", default=injector.SCENES, choices=injector.SCENES)
-    groups = (*GROUPS, CLEAN)
+    groups = (*GROUPS, CLEAN, REAL)
     parser.add_argument("--groups", nargs="+", default=groups, choices=groups)
     parser.add_argument("--explainers", nargs="+", default=EXPLAINERS, choices=EXPLAINERS)
     parser.add_argument("--every", type=int, default=1, help="only every so many cases")
@@ -81,7 +87,7 @@ def _count(case, group, known, names, counts):
         counts.told += 1
         return
     found = effects(case)
-    others = [pair for place, pair in enumerate(known) if place != case.pair]
+    others = [pair for place, pair in enumerate(known) if place != case.pair or group == REAL]
     diagnosis = explainers.diagnosis(case, found.T_reference_source, others)
     if found.first is None:
         counts.without_effect.count(not diagnosis.verdict.causes, (group, "nothing is named"))

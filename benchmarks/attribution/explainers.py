@@ -7,7 +7,6 @@ pairs, and what is told: the scale of the initial pose's variance and the diviso
 import numpy as np
 
 from benchmarks.attribution.effects import PERTURBATION, REGISTERED_BY, mean_log_error
-from benchmarks.attribution.injector import SCANS
 from icpshap import estimators, plan
 from icpshap.causes import CAUSES
 from icpshap.data.pair import Pair
@@ -30,7 +29,8 @@ FORWARD = {
 def healthy_pairs(sequence):
     """`diagnose.Known` of every clean pair of a sequence."""
     return [
-        _known(sequence.clouds[k : k + 2], sequence.T(k), f"healthy {k}") for k in range(SCANS - 1)
+        _known(sequence.clouds[k : k + 2], sequence.T(k), f"healthy {k}")
+        for k in range(len(sequence.clouds) - 1)
     ]
 
 
