@@ -12,24 +12,25 @@ from icpshap.causes import CAUSES
 from icpshap.causes.cause import SCANS
 from icpshap.diagnosis.diagnostics import NUMBERS, diagnostics
 
-DRAWS = 3  # of a cause that is another one in each
 # Levels of the causes that scans show. Of the overlap they are shares of what there is.
 LEVELS = {
-    "sensor_noise": (0.005, 0.01, 0.014, 0.02, 0.028, 0.04, 0.057, 0.08),
-    "partial_overlap": (0.25, 0.5, 0.75, 0.875, 0.95),
-    "under_constrained": (0.5, 0.8, 0.9, 0.95, 0.98, 0.99, 0.997),
+    "sensor_noise": (0.005, 0.01, 0.02, 0.03, 0.05, 0.08),
+    "partial_overlap": (0.35, 0.65, 0.85, 0.95),
+    "under_constrained": (0.5, 0.8, 0.95, 0.99, 0.997),
 }
 # What is missing of a pair is missing in one direction, as behind what stands before the scanner.
 OPTIONS = {"partial_overlap": {"overlap_shape": "sector"}}
 FINE = 4  # levels between two that are tried
+# Times the change that the largest level makes: a pair may have less of what the cause leaves.
+BEYOND = (1.25, 1.5, 2.0, 3.0, 4.0)
 
 
 @dataclass(frozen=True)
 class Curve:
     """levels (k,) in the cause's own unit from off on; changes and spreads (k, 4).
 
-    changes: of the logarithms of the diagnostics, in the mean over the draws; spreads: their
-    standard deviation over the draws; own: place of the diagnostic that is the cause's own.
+    changes: of the logarithms of the diagnostics, in the mean over healthy pairs; spreads: their
+    standard deviation over these; own: place of the diagnostic that is the cause's own.
     """
 
     levels: np.ndarray
@@ -38,14 +39,21 @@ class Curve:
     own: int
 
     def fine(self):
-        """The same with levels in between."""
+        """The same with levels in between, and with more of the cause's own change at the last."""
         known = np.arange(len(self.levels))
         places = np.linspace(0, known[-1], FINE * known[-1] + 1)
-        columns = [
+        levels, changes, spreads = (
             np.stack([np.interp(places, known, column) for column in of.T], axis=1)
-            for of in (self.changes, self.spreads)
-        ]
-        return Curve(np.interp(places, known, self.levels), *columns, self.own)
+            for of in (self.levels[:, None], self.changes, self.spreads)
+        )
+        more = np.repeat(changes[-1:], len(BEYOND), axis=0)
+        more[:, self.own] *= BEYOND
+        return Curve(
+            np.append(levels[:, 0], np.repeat(levels[-1], len(BEYOND))),
+            np.vstack([changes, more]),
+            np.vstack([spreads, np.repeat(spreads[-1:], len(BEYOND), axis=0)]),
+            self.own,
+        )
 
     @property
     def direction(self):
@@ -64,33 +72,32 @@ def curve(name, pair, healthy, streams):
     cause = CAUSES[name](**OPTIONS.get(name, {}))
     scale = pair.overlap if name == "partial_overlap" else 1.0
     levels = scale * np.array([0.0, *LEVELS[name]])
-    draws = range(DRAWS if cause.hook() == "keep" and cause.drawn else 1)
-    changes = np.zeros((len(levels), len(draws), len(NUMBERS)))
+    changes = np.zeros((len(levels), len(NUMBERS)))
     for place, level in enumerate(levels[1:], 1):
-        for draw in draws:
-            changed = _diagnostics(perturbed(cause, pair, level, draw, streams))
-            changes[place, draw] = changed.logarithms - healthy.logarithms
-    own = NUMBERS.index(cause.shown_by)
-    return Curve(levels, changes.mean(axis=1), changes.std(axis=1), own)
+        changed = of_pair(perturbed(cause, pair, level, streams))
+        changes[place] = changed.logarithms - healthy.logarithms
+    return Curve(levels, changes, np.zeros_like(changes), NUMBERS.index(cause.shown_by))
 
 
-def perturbed(cause, pair, level, draw, streams):
+def mean(curves):
+    """The mean of the curves of one cause on several pairs: places and drawn sectors differ."""
+    levels, changes = (np.array([getattr(c, of) for c in curves]) for of in ("levels", "changes"))
+    return Curve(levels.mean(axis=0), changes.mean(axis=0), changes.std(axis=0), curves[0].own)
+
+
+def perturbed(cause, pair, level, streams):
     """A data.pair.Pair as a cause leaves it, through the hook by which it acts on scans."""
     points = {scan: getattr(pair, scan) for scan in SCANS}
     for scan in cause.scans:
         if cause.hook() == "move":
-            points[scan] = cause.move(points[scan], scan, level, draw, streams)
+            points[scan] = cause.move(points[scan], scan, level, 0, streams)
         else:
-            points[scan] = points[scan][cause.keep(pair, scan, level, draw, streams)]
+            points[scan] = points[scan][cause.keep(pair, scan, level, 0, streams)]
     return replace(pair, **points, overlapping=None, source_times=None)
 
 
 def of_pair(pair):
     """The `Diagnostics` of a data.pair.Pair."""
-    return _diagnostics(pair)
-
-
-def _diagnostics(pair):
     return diagnostics(
         pair.reference,
         pair.source,

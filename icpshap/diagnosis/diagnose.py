@@ -10,10 +10,11 @@ import numpy as np
 
 from icpshap import causes
 from icpshap.causes._sensors import SENSORS
-from icpshap.diagnosis.curves import Curve, curve, of_pair
+from icpshap.diagnosis.curves import Curve, curve, mean, of_pair
 from icpshap.diagnosis.diagnostics import Diagnostics
 from icpshap.diagnosis.verdict import Healthy, Verdict, verdict
 
+HEALTHIEST = 3  # pairs on which the curves are found
 # What a sheet says is of one target: of others the logarithm of the residual differs by this.
 OF_A_SHEET = 0.4
 TIMES_PUBLISHED = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # levels that are tried then
@@ -25,7 +26,7 @@ class Diagnosis(NamedTuple):
 
     z: by cause, how many standard deviations of healthy pairs its diagnostic is away, positive
     where the cause would move it; verdict: `verdict.Verdict`; against: OTHERS, SHEET or NONE;
-    number: of healthy pairs; healthiest: place of the one on which the levels were found, or None.
+    number: of healthy pairs; healthiest: place of the most usual one, or None.
     """
 
     diagnostics: Diagnostics
@@ -68,13 +69,13 @@ def diagnose(known, others):
     others = [others[place] for place in places]
     logarithms = np.array([other.diagnostics.logarithms for other in others])
     healthy = Healthy.of(logarithms)
-    # The most usual one: its curves stand for all.
-    healthiest = int(np.argmin(np.abs(healthy.z(logarithms)).max(axis=1)))
-    curves = others[healthiest].curves
+    # The most usual ones: their curves stand for all.
+    usual = np.argsort(np.abs(healthy.z(logarithms)).max(axis=1), kind="stable")[:HEALTHIEST]
+    curves = {name: mean([others[k].curves[name] for k in usual]) for name in causes.shown()}
     found = verdict(known.diagnostics.logarithms, healthy, curves)
     z = healthy.z(known.diagnostics.logarithms)
     z = {name: float(z[of.own] * of.direction) for name, of in curves.items()}
-    return Diagnosis(known.diagnostics, z, found, OTHERS, len(others), places[healthiest])
+    return Diagnosis(known.diagnostics, z, found, OTHERS, len(others), places[usual[0]])
 
 
 def diagnose_alone(known, sensor):

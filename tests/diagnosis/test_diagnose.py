@@ -64,7 +64,7 @@ def test_a_cause_that_is_off_leaves_the_pair_as_it_is():
     pair = corridors.pair()
     for name in causes.shown():
         cause = CAUSES[name](**curves.OPTIONS.get(name, {}))
-        found = curves.perturbed(cause, pair, cause.off, 0, corridors.streams())
+        found = curves.perturbed(cause, pair, cause.off, corridors.streams())
         assert (found.reference == pair.reference).all() and (found.source == pair.source).all()
 
 
