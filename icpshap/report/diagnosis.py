@@ -7,6 +7,8 @@ from icpshap import causes
 from icpshap.diagnosis.diagnose import NONE, OTHERS
 from icpshap.diagnosis.verdict import FOUND, NOTHING, UNDECIDED
 from icpshap.report import words
+from icpshap.report.study import pairs_of
+from icpshap.tables import PAIR
 
 
 def sentence(row):
@@ -78,21 +80,30 @@ def _short(row):
     return words.listed([_found(name, row) for name in names])
 
 
-def html(table, study):
-    """What was found of each pair, as an HTML table; cells: standard deviations from the others."""
+def html(table, shap, study):
+    """What was found of each pair, as an HTML table; cells: standard deviations from the others.
+
+    shap: the shap table of the same pairs, which knows where clean runs end.
+    """
     names = causes.shown()
+    lost = pairs_of(shap).set_index(PAIR).clean_wrong_basin_share
     rows = [
         [
             study.pair(row),
             *(_standing(getattr(row, f"z_{name}")) for name in names),
             _short(row) if row.verdict in (FOUND, UNDECIDED) else row.verdict,
             "" if np.isnan(row.confidence) else f"{row.confidence:.2f}",
+            _share(lost.get((row.sequence, row.reference, row.source), np.nan)),
         ]
         for row in table.itertuples()
     ]
     deviations = [f"{title}, deviations" for title in words.titles(names)]
-    header = ["pair", *deviations, "verdict", "probability"]
+    header = ["pair", *deviations, "verdict", "probability", "clean runs in a wrong basin"]
     return tabulate(rows, header, tablefmt="html", disable_numparse=True)
+
+
+def _share(value):
+    return "" if np.isnan(value) else f"{value:.0%}"
 
 
 def _standing(z):

@@ -179,10 +179,14 @@ def _diagnoses(sections):
         (
             ", ".join(section.scope for section in together),
             text,
-            Markup(diagnosis.html(together[0].diagnosis, together[0].study)),
+            Markup(_pair_by_pair(together[0])),
         )
         for text, together in found.items()
     ]
+
+
+def _pair_by_pair(section):
+    return diagnosis.html(section.diagnosis, section.shap, section.study)
 
 
 def _symbols(sections):

@@ -258,6 +258,7 @@ def test_what_is_wrong_with_the_scans_comes_first(results):
     told = page.index("Of 2 pairs 1 stand out beside the others: Apartment 0–1: sensor noise")
     assert page.index('id="diagnosis"') < told < page.index('id="fit"') < page.index("<figure")
     assert "Not visible in scans" in page
+    assert "clean runs in a wrong basin" in page
 
 
 def test_a_pair_that_is_held_against_none_is_not_diagnosed(results):
