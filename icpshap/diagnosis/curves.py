@@ -12,7 +12,8 @@ from icpshap.causes import CAUSES
 from icpshap.causes.cause import SCANS
 from icpshap.diagnosis.diagnostics import NUMBERS, diagnostics
 
-# Levels of the causes that scans show. Of the overlap they are shares of what there is.
+# Levels where those that are worth trying are too few. Of the overlap they are shares of what
+# there is.
 LEVELS = {
     "sensor_noise": (0.005, 0.01, 0.02, 0.03, 0.05, 0.08),
     "partial_overlap": (0.35, 0.65, 0.85, 0.95),
@@ -71,7 +72,7 @@ def curve(name, pair, healthy, streams):
     """The `Curve` of a cause on a data.pair.Pair, of which `healthy` are the `Diagnostics`."""
     cause = CAUSES[name](**OPTIONS.get(name, {}))
     scale = pair.overlap if name == "partial_overlap" else 1.0
-    levels = scale * np.array([0.0, *LEVELS[name]])
+    levels = scale * np.array([0.0, *LEVELS.get(name, cause.levels)])
     changes = np.zeros((len(levels), len(NUMBERS)))
     for place, level in enumerate(levels[1:], 1):
         changed = of_pair(perturbed(cause, pair, level, streams))

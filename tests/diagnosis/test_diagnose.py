@@ -8,6 +8,7 @@ from icpshap import causes, se3, tables
 from icpshap.causes import CAUSES
 from icpshap.diagnosis import curves
 from icpshap.diagnosis.diagnose import NONE, OTHERS, SHEET, Known, diagnose, diagnose_alone
+from icpshap.diagnosis.diagnostics import NUMBERS
 from icpshap.diagnosis.table import table
 from icpshap.diagnosis.verdict import FOUND, NOTHING, UNKNOWN
 
@@ -58,6 +59,11 @@ def test_the_least_level_changes_its_own_diagnostic_as_it_should(others, name):
 def test_a_level_comes_back_from_what_it_does(others, name):
     curve = others[0].curves[name]
     assert curve.level(curve.changes[2]) == pytest.approx(curve.levels[2], rel=0.02)
+
+
+def test_every_cause_that_scans_show_moves_a_number_that_is_measured():
+    assert {CAUSES[name].shown_by for name in causes.shown()} <= set(NUMBERS)
+    assert not any(CAUSES[name].told for name in causes.shown())
 
 
 def test_a_cause_that_is_off_leaves_the_pair_as_it_is():
