@@ -182,12 +182,12 @@ def _json(counts):
     mixture = ("mixture", f"margin above {MARGIN:g}")
     drops = counts.drops["removal"]
     values = {
-        "single_cases": diagnosis.number[single],
+        "single_cases": diagnosis.number.get(single, 0),
         "single_top1": diagnosis.share(single)[0],
         "single_top1_low": diagnosis.share(single)[1],
-        "unknown_cases": diagnosis.number[unknown],
+        "unknown_cases": diagnosis.number.get(unknown, 0),
         "unknown_top1": diagnosis.share(unknown)[0],
-        "mixture_cases": removal.number[mixture],
+        "mixture_cases": removal.number.get(mixture, 0),
         "mixture_top1": removal.share(mixture)[0],
         "mixture_ceiling": counts.scores["ceiling"].share(mixture)[0],
         "mixture_drop": np.mean(drops) if drops else np.nan,

@@ -23,7 +23,7 @@ class Score:
 
     def share(self, group):
         """Share and its Wilson interval, of a group that was counted; NaN of none."""
-        if not self.number[group]:
+        if group not in self.number:
             return np.nan, np.nan, np.nan
         share = self.right[group] / self.number[group]
         return (share, *wilson(share, self.number[group], QUANTILE))
