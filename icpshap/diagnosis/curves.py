@@ -10,7 +10,7 @@ import numpy as np
 
 from icpshap.causes import CAUSES
 from icpshap.causes.cause import SCANS
-from icpshap.diagnosis.diagnostics import NUMBERS, diagnostics
+from icpshap.diagnosis.diagnostics import NUMBERS, WORSE, diagnostics
 
 # Levels where those that are worth trying are too few. Of the overlap they are shares of what
 # there is.
@@ -58,8 +58,8 @@ class Curve:
 
     @property
     def direction(self):
-        """1 where the cause's own diagnostic grows with its level, -1 where it falls."""
-        return np.sign(self.changes[-1, self.own])
+        """1 where the cause's own diagnostic is worse if it is larger, -1 if it is smaller."""
+        return WORSE[self.own]
 
     def level(self, change):
         """The level at which the cause's own diagnostic changes as in `change` (4,); not off."""

@@ -16,6 +16,7 @@ from icpshap.geometry import root_mean_square_distance
 SAMPLE = 1200  # points of a scan at most, every k-th, at which planes are measured
 FEWEST = 6  # planes that hold a pose
 NUMBERS = ("plane_residual", "overlap", "reference_points", "weakest_information")
+WORSE = (1, -1, -1, -1)  # the way in which each of them is worse
 
 
 class Diagnostics(NamedTuple):
