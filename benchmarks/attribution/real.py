@@ -19,7 +19,8 @@ def real_cases(seed):
         pair = real_pair(name)
         poses = np.stack([np.eye(4), pair.T_reference_source])
         scanner = {"apartment": "tilting", "spinning": "spinning"}[name]
-        clouds = [pair.reference, pair.source]
+        # A point at the origin is no return, and has no beam.
+        clouds = [cloud[cloud.any(axis=1)] for cloud in (pair.reference, pair.source)]
         sequence = injector.Sequence(f"real {name}", scanner, clouds, poses)
         for mechanism in (*injector.MEASURED, *injector.UNKNOWN):
             for share in SHARES:
