@@ -15,6 +15,7 @@ configfile: f"{workflow.basedir}/config.yaml"
 
 include: "workflow/rules/common.smk"
 include: "workflow/rules/data.smk"
+include: "workflow/rules/diagnosis.smk"
 include: "workflow/rules/registration.smk"
 include: "workflow/rules/training.smk"
 include: "workflow/rules/explanation.smk"
@@ -27,6 +28,7 @@ localrules:
     all,
     checksums,
     compare_with_paper,
+    draw_diagnosis,
     join_sequences,
     provenance,
     report,

@@ -8,6 +8,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from icpshap.explanation.games import load_explanation
     from icpshap.one_pair.covariance import PoseCovariance
+    from icpshap.one_pair.diagnosis import Diagnosis, diagnose
     from icpshap.one_pair.explanation import Explanation
     from icpshap.one_pair.given import read_scan
     from icpshap.one_pair.recipe import explain, fit_table
@@ -19,8 +20,10 @@ _HOMES = {
     "PAPER": "icpshap.presets",
     "RELEASED_CODE": "icpshap.presets",
     "ROBUST": "icpshap.presets",
+    "Diagnosis": "icpshap.one_pair.diagnosis",
     "Explanation": "icpshap.one_pair.explanation",
     "PoseCovariance": "icpshap.one_pair.covariance",
+    "diagnose": "icpshap.one_pair.diagnosis",
     "explain": "icpshap.one_pair.recipe",
     "fit_table": "icpshap.one_pair.recipe",
     "load_explanation": "icpshap.explanation.games",
@@ -31,8 +34,10 @@ __all__ = [
     "PAPER",
     "RELEASED_CODE",
     "ROBUST",
+    "Diagnosis",
     "Explanation",
     "PoseCovariance",
+    "diagnose",
     "explain",
     "fit_table",
     "load_explanation",

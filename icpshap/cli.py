@@ -1,4 +1,4 @@
-"""The command icpshap: explain one pair, say whether the options fit it, export covariances.
+"""The command icpshap: explain or diagnose one pair, say whether options fit, export covariances.
 
 Exit status: 0 done, 1 data or options that cannot be used, 2 a wrong command line, 130 stopped.
 """
@@ -25,6 +25,12 @@ examples:
   icpshap explain a.ply b.ply --sensor-noise 0.05 --partial-overlap 0    another level, one off
   icpshap explain a.ply b.ply --json > pair.json
   icpshap explain a.ply b.ply --html pair.html --covariance covariance.txt
+"""
+DIAGNOSE_EXAMPLES = """\
+examples:
+  icpshap diagnose a.ply b.ply --healthy c.ply d.ply --healthy d.ply e.ply
+  icpshap diagnose a.ply b.ply --transform T.txt --sensor velodyne_vlp_16
+  icpshap diagnose a.ply b.ply --json > diagnosis.json
 """
 FIT_EXAMPLES = """\
 examples:
@@ -123,6 +129,29 @@ def _explain(given: argparse.Namespace) -> None:
     elif not given.quiet:
         width = min(shutil.get_terminal_size((100, 40)).columns, 100)
         print(explanation.to_text(width, _colours()))
+
+
+def _diagnose(given: argparse.Namespace) -> None:
+    from icpshap.one_pair.diagnosis import diagnose
+    from icpshap.one_pair.given import read_scan
+
+    columns = given.columns.split(",") if given.columns else None
+    reference, source = _scans(given)
+    found = diagnose(
+        reference,
+        source,
+        _transform(given.transform),
+        healthy=[[read_scan(path, columns) for path in pair] for pair in given.healthy],
+        sensor=given.sensor,
+        estimator=_estimator(given),
+        T_initial=_transform(given.initial_transform),
+    )
+    if given.json:
+        if hasattr(sys.stdout, "reconfigure"):
+            sys.stdout.reconfigure(encoding="utf-8")  # that of JSON, whatever the terminal's
+        print(found.to_json(), end="")
+    else:
+        print(found.to_text(min(shutil.get_terminal_size((100, 40)).columns, 100)))
 
 
 def _fit(given: argparse.Namespace) -> None:
@@ -336,7 +365,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="icpshap",
         description="Why is the registration of two scans uncertain?",
-        epilog="icpshap explain --help, and that of the others, has examples.",
+        epilog="Each command has examples: icpshap explain --help.",
     )
     parser.add_argument("--version", action="version", version=f"icpshap {__version__}")
     commands = parser.add_subparsers(required=True, metavar="command")
@@ -368,7 +397,34 @@ def _parser() -> argparse.ArgumentParser:
     )
     explain.add_argument("--save", metavar="FILE", help="write all of it, for Explanation.load")
     explain.add_argument("--quiet", action="store_true", help="print nothing but errors, and JSON")
-    _command(commands, "fit", "whether the options fit two scans, without ICP", FIT_EXAMPLES, _fit)
+    fit = _command(
+        commands, "fit", "whether the options fit two scans, without ICP", FIT_EXAMPLES, _fit
+    )
+    diagnose = _command(
+        commands,
+        "diagnose",
+        "what is wrong with two scans, beside healthy ones, without perturbing them",
+        DIAGNOSE_EXAMPLES,
+        _diagnose,
+    )
+    diagnose.add_argument(
+        "--healthy",
+        nargs=2,
+        action="append",
+        default=[],
+        metavar=("A", "B"),
+        help="a pair of the same scanner in the same kind of place, which says what is usual; may "
+        "be repeated",
+    )
+    diagnose.add_argument(
+        "--sensor",
+        metavar="NAME",
+        help="where there is no such pair: the scanner whose published noise is taken, such as "
+        "velodyne_vlp_16",
+    )
+    diagnose.add_argument("--json", action="store_true", help="print JSON instead of a screen")
+    _add_experiment(explain)
+    _add_experiment(fit)
     _export_command(commands)
     return parser
 
@@ -423,8 +479,7 @@ def _bare(commands, name, purpose, examples, run):
 
 def _command(commands, name, purpose, examples, run):
     """A command with the arguments that those of two scans have."""
-    from icpshap.causes import CAUSES
-    from icpshap.one_pair.given import CAUSES_GIVEN, PRESETS
+    from icpshap.one_pair.given import PRESETS
 
     command = _bare(commands, name, purpose, examples, run)
     command.add_argument("reference", help="scan that is registered onto")
@@ -452,19 +507,26 @@ def _command(commands, name, purpose, examples, run):
         help="another option of the estimator, as in normal_neighbours=30; may be repeated",
     )
     command.add_argument(
+        "--columns", metavar="x,y,z,..", help="columns of scan files that do not name theirs"
+    )
+    return command
+
+
+def _add_experiment(command):
+    """Another registration, and the levels of the causes."""
+    from icpshap.causes import CAUSES
+    from icpshap.one_pair.given import CAUSES_GIVEN
+
+    command.add_argument(
         "--register",
         metavar="NAME",
         help="another registration: small_gicp, open3d, or module:function of your own, a function "
         "of reference, source and T_initial that returns T (4, 4)",
     )
-    command.add_argument(
-        "--columns", metavar="x,y,z,..", help="columns of scan files that do not name theirs"
-    )
     causes = command.add_argument_group("levels of the causes")
     for cause in CAUSES.values():
         usual = CAUSES_GIVEN.get(cause.name)
         _level(causes, cause, f"{f'{usual:g}' if usual else 'off'}; off is {cause.off:g}")
-    return command
 
 
 def _positive(text):

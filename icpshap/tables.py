@@ -346,6 +346,40 @@ def _fit_numbers(causes):
     ]
 
 
+def _diagnosis(causes):
+    """What `diagnosis.table` says of a pair; of causes it knows those that the scans show."""
+
+    def number(name, unit, description):
+        return Column(name, "float64", unit, description)
+
+    vector = "weakest direction in the reference's axes about the overlapping points' centroid"
+    seen = registry.players(registry.shown(), {})
+    return [
+        *_PAIR,
+        Column("against", "string", "", "what is healthy: other pairs, data sheet, nothing"),
+        Column("healthy_pairs", "int32", "", "number of the other pairs"),
+        Column("healthiest_reference", "int32", "", "the most usual of them, -1 for none"),
+        Column("healthiest_source", "int32", "", "on which the levels of the causes were found"),
+        number("plane_residual", "m", "median distance of neighbours from their plane"),
+        number("overlap", "", "overlap ratio N / |P1| in the pose at hand"),
+        number("reference_points", "", "of the reference beyond the minimum range"),
+        number("weakest_information", "", "share of the weakest direction in the information"),
+        Column("weakest", "string", "", "that direction in words"),
+        *_columns([f"vector_{k}" for k in range(6)], "float64", "", f"{vector}, rotation by L"),
+        number("length", "m", "L, root mean square distance of these points from it"),
+        *(number(f"level_{c.name}", c.unit, f"{c.title} that was found; 0 for none") for c in seen),
+        *(
+            number(f"z_{c.name}", "", f"of what shows {c.title}, in deviations of healthy pairs")
+            for c in seen
+        ),
+        *(number(f"probability_{c.name}", "", f"that {c.title} is there") for c in seen),
+        number("probability_nothing", "", "that none of them is"),
+        Column("verdict", "string", "", "found, nothing, undecided or unknown"),
+        Column("causes", "string", "", "those found, or the two that cannot be told apart"),
+        number("confidence", "", "probability of the verdict"),
+    ]
+
+
 def _fit(causes):
     return [
         *_PAIR,
@@ -544,6 +578,7 @@ TABLES = {
     "estimates": _estimates,
     "descriptors": _descriptors,
     "fit_numbers": _fit_numbers,
+    "diagnosis": _diagnosis,
     "fit": _fit,
     "uncertainty": _uncertainty,
     "shap": _shap,

@@ -204,7 +204,8 @@ def test_commands_of_one_pair_are_valid(line):
         assert typed.to in FORMATS
         return
     changes = cli._what_if(typed.what_if) if "what_if" in typed else None
-    asked = given.given(cli._causes(typed), cli._estimator(typed), None, changes, None)
+    causes = cli._causes(typed) if "sensor_noise" in typed else None
+    asked = given.given(causes, cli._estimator(typed), None, changes, None)
     assert asked.levels
     name = getattr(typed, "register", None)
     assert not name or ":" in name or callable(getattr(registrations, name))

@@ -15,7 +15,7 @@ from icpshap.estimators.kind import GOOD_STATUS
 from icpshap.estimators.perturb import Perturbation, Streams
 from icpshap.plan import Setting
 from icpshap.presets import LIDAR
-from icpshap.tables import XI
+from icpshap.tables import TRANSFORM, XI
 
 EFFECT = 0.15  # of V by the removal of a part, below which a case has none
 SMALLEST = 1e-3  # m, added in squares to an error
@@ -27,10 +27,14 @@ REGISTERED_BY = LIDAR.with_options(
 
 
 class Effects(NamedTuple):
-    """V of a case with all its parts, and what it falls by without each."""
+    """V of a case with all its parts, and what it falls by without each.
+
+    T_reference_source (4, 4): where its first run ended, which is what is known of the pose.
+    """
 
     value: float
     drops: dict
+    T_reference_source: np.ndarray
 
     @property
     def first(self):
@@ -46,12 +50,30 @@ class Effects(NamedTuple):
 
 
 def effects(case):
-    value = log_error(case)
-    return Effects(value, {part: value - log_error(case, part) for part in case.parts})
+    length = _length(case)
+    runs = _runs(case)
+    value = mean_log_error(runs, length)
+    drops = {part: value - _without(case, part, length) for part in case.parts}
+    first = runs[runs.status.isin(GOOD_STATUS)].iloc[0]
+    return Effects(value, drops, first[TRANSFORM].to_numpy(dtype=float).reshape(4, 4))
 
 
-def log_error(case, without=None):
-    """V of a case; `without` one of its parts."""
+def _without(case, part, length):
+    """V of a case without a part; of one part that of the clean pair, which is measured once."""
+    if len(case.parts) > 1:
+        return mean_log_error(_runs(case, part), length)
+    of = case.sequence
+    key = (of.scene, of.scanner, case.pair, case.seed)
+    if key not in _CLEAN:
+        _CLEAN[key] = mean_log_error(_runs(case, part), length)
+    return _CLEAN[key]
+
+
+_CLEAN = {}  # V by scene, scanner, pair and seed
+
+
+def _runs(case, without=None):
+    """The runs table of a case; `without` one of its parts."""
     pair = Pair.measured(
         *case.clouds(without), case.sequence.T(case.pair), PERTURBATION.overlap_distance
     )
@@ -64,7 +86,7 @@ def log_error(case, without=None):
         PERTURBATION.deviation,
         Streams(case.seed, f"effects {case.sequence.scene}", case.pair, case.pair + 1),
     )
-    return mean_log_error(runs, _length(case))
+    return runs
 
 
 def mean_log_error(runs, length):

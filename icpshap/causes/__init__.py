@@ -31,3 +31,8 @@ def variants_of(causes):
     """Of causes by name, the options of those that are a variant: what tables and words need."""
     found = {name: options.variant(cause) for name, cause in causes.items()}
     return {name: values for name, values in found.items() if values}
+
+
+def shown():
+    """The names of the causes that a pair of scans shows."""
+    return [name for name, cause in CAUSES.items() if cause.shown_by]

@@ -31,6 +31,8 @@ class Cause:
     its place in tables. Moves act in the reverse order: what the scanner does last comes first.
     `fewest_noise_draws`: an error that all runs of a noise draw share shows only over many of them.
     `counts_points`: whether a pair is checked for how many source points it leaves of a run.
+    `shown_by`: the number of a pair of scans (diagnosis.diagnostics) that the cause moves, without
+    any ICP; "" where the scans do not show it. `told`: whether a robot knows it of itself.
     """
 
     name: ClassVar[str]
@@ -47,6 +49,8 @@ class Cause:
     order: ClassVar[int] = 1000
     fewest_noise_draws: ClassVar[int] = 1
     counts_points: ClassVar[bool] = False
+    shown_by: ClassVar[str] = ""
+    told: ClassVar[bool] = False
 
     def label(self):
         """Title, symbol and unit, as an axis shows them."""

@@ -30,6 +30,7 @@ class IcpRandomness(Cause):
     scans: ClassVar = ("source",)
     order: ClassVar = 50
     counts_points: ClassVar = True
+    told: ClassVar = True
 
     def thin(self, rows, run, level, count, streams):
         luck = streams.generator(f"icp_randomness/{run}").random(count)

@@ -24,6 +24,7 @@ class InitialPose(Cause):
     levels: ClassVar = (1.2, 1.5, 2.0, 4.0)
     mitigation: ClassVar = "a better start, by odometry or a coarse registration first"
     order: ClassVar = 20
+    told: ClassVar = True
 
     initial_pose_scaling: str = option(
         "covariance",

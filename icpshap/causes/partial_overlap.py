@@ -35,6 +35,7 @@ class PartialOverlap(Cause):
     mitigation: ClassVar = "scans that are nearer to each other"
     scans: ClassVar = ("source",)
     order: ClassVar = 30
+    shown_by: ClassVar = "overlap"
 
     overlap_removal: str = option(
         "raw",

@@ -29,6 +29,7 @@ class SensorNoise(Cause):
     levels: ClassVar = (0.01, 0.02, 0.05, 0.1)
     mitigation: ClassVar = "a more exact scanner, or points averaged on a grid"
     order: ClassVar = 10
+    shown_by: ClassVar = "plane_residual"
 
     reference_noise_additions: int = option(
         1,

@@ -41,6 +41,7 @@ class UnderConstrained(Cause):
     mitigation: ClassVar = "structure, or another sensor, along the weak direction"
     order: ClassVar = 40
     counts_points: ClassVar = True
+    shown_by: ClassVar = "weakest_information"
 
     @property
     def drawn(self):

@@ -12,6 +12,8 @@ OVERLAP = "resources/{sequence}/overlap/{reference}-{source}.parquet"
 
 PAIR = "results/{experiment}/{sequence}/pairs/{reference}-{source}.parquet"
 FIT_NUMBERS = "results/{experiment}/{sequence}/fit_numbers.parquet"
+DIAGNOSIS = "results/{experiment}/{sequence}/diagnosis.parquet"
+DIAGNOSIS_FIGURE = "results/{experiment}/{sequence}/figures/diagnosis.{kind}"
 RUNS = "results/{experiment}/{sequence}/runs/{job}.parquet"
 ESTIMATES = "results/{experiment}/{sequence}/estimates/{job}.parquet"
 OF_SEQUENCE = "results/{experiment}/{sequence}/{table}.parquet"

@@ -247,6 +247,21 @@ class Plans:
             "versions": versions(),
         }
 
+    def diagnosis(self, experiment, sequence):
+        """That of what is wrong with the pairs of a sequence, which no level decides."""
+        pairs = self.config.experiments[experiment].pairs[sequence]
+        plugins = {"causes": causes.shown()}
+        return {
+            "sequence": sequence,
+            "pairs": [list(pair) for pair in pairs],
+            "overlaps": [digest(self.overlap(sequence, pair)) for pair in pairs],
+            "minimum_range": self.estimator(experiment).perturbing.minimum_range,
+            "plugins": plugins,
+            "seed": self.config.seed,
+            "code": self.code("diagnose_sequence", *digests.plugins(plugins)),
+            "versions": versions(),
+        }
+
     def _counting(self, estimator):
         """What decides how many points are left of a run, where a cause asks for that."""
         if not any(cause.counts_points for cause in estimator.causes.values()):

@@ -205,6 +205,8 @@ def _plans_of(planner, name, sequence):
         checked = at(paths.PAIR, **names, **indices)
         yield checked, "pairs", lambda p=pair: planner.pair(name, sequence, p)
     yield at(paths.FIT_NUMBERS, **names), "fit_numbers", lambda: planner.fit(name, sequence)
+    diagnosis = at(paths.DIAGNOSIS, **names)
+    yield diagnosis, "diagnosis", lambda: planner.diagnosis(name, sequence)
     returns = planner.estimator(name).returned
     made = [
         (paths.RUNS, "runs", returns.samples),

@@ -102,7 +102,7 @@ def explain(
     parts += [(change, *changed) for change, changed in asked.what_if.items()]
     said = _Progress(progress, len(parts))
     with threadpool_limits(1):  # the order of sums must not depend on the cores
-        pair, truth = _pair(reference, source, T, T_initial, asked, source_times)
+        pair, truth = pair_of(reference, source, T, T_initial, asked, source_times)
         runs = [
             _Run(pair, preset, levels, asked.perturbation, streams, truth, said)
             for _, _, levels, preset in parts
@@ -163,13 +163,13 @@ def fit_table(
     reference, source = scan(reference, "reference"), scan(source, "source")
     asked = given(causes, estimator, register, None, perturbation, seed)
     with threadpool_limits(1):
-        pair, truth = _pair(reference, source, T, T_initial, asked)
+        pair, truth = pair_of(reference, source, T, T_initial, asked)
         streams = Streams(asked.seed, "pair", 0, 1)
         run = _Run(pair, asked.preset, asked.levels, asked.perturbation, streams, truth, None)
         return checks.graver_first(checks.table(run.fit_numbers())).reset_index(drop=True)
 
 
-def _pair(reference, source, T, T_initial, asked, source_times=None):
+def pair_of(reference, source, T, T_initial, asked, source_times=None):
     """The measured pair, and what is to be said of how its true pose was found."""
     minimum_range = asked.preset.estimator.perturbing.minimum_range
     for points, what in ((reference, "reference"), (source, "source")):

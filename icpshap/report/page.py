@@ -9,10 +9,12 @@ import yaml
 from jinja2 import Environment, FileSystemLoader
 from markupsafe import Markup
 
+from icpshap.diagnosis.diagnose import OTHERS
 from icpshap.report import (
     advice,
     by_estimator,
     captions,
+    diagnosis,
     directions,
     doubts,
     effects,
@@ -34,8 +36,8 @@ class Section:
     """What the page says of one experiment, or of one sequence of it.
 
     figures: paths of SVG files, each beside a .txt with its caption and, for a scene, an .html;
-    links: paths of files; ranking, what_if: table, or None. Paths are relative to the working
-    directory.
+    links: paths of files; ranking, what_if, diagnosis: table, or None. Paths are relative to the
+    working directory.
     """
 
     scope: str
@@ -48,6 +50,7 @@ class Section:
     ranking: object
     figures: list
     links: list
+    diagnosis: object = None
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,9 @@ def page(sections, run, folder, comparison=None, joined=()):
     return environment.get_template(TEMPLATE.name).render(
         findings=_findings(sections, joined),
         symbols=_symbols(sections),
+        diagnoses=_diagnoses(sections),
         fits=[(section.scope, *_fit(section)) for section in sections],
+        unseen=diagnosis.unseen(),
         warnings=warnings(sections),
         joined=[_described_estimators(part, folder) for part in joined],
         parts=[section.scope for section in sections if section.study.name in parts],
@@ -157,6 +162,31 @@ def _advice(section):
 def _fit(section):
     """How the settings fit the scans: the table, and whether all of it does."""
     return Markup(fit.html(section.fit, section.study)), (section.fit.grade == "fits").all()
+
+
+def _diagnoses(sections):
+    """What is wrong with the pairs of each section: scope, sentence, and the table if it is long.
+
+    What several sections have in common, since they are of the same pairs, is said once.
+    """
+    found = {}
+    for section in sections:
+        if section.diagnosis is None or not (section.diagnosis.against == OTHERS).any():
+            continue  # a pair alone has nothing to be held against
+        text = diagnosis.summary(section.diagnosis, section.study.pair)
+        found.setdefault(text, []).append(section)
+    return [
+        (
+            ", ".join(section.scope for section in together),
+            text,
+            Markup(_pair_by_pair(together[0])),
+        )
+        for text, together in found.items()
+    ]
+
+
+def _pair_by_pair(section):
+    return diagnosis.html(section.diagnosis, section.shap, section.study)
 
 
 def _symbols(sections):

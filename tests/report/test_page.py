@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 import pytest
 from known_results import (
     FIXED,
@@ -30,7 +31,7 @@ from known_results import (
     without_value,
 )
 
-from icpshap import tables
+from icpshap import causes, tables
 from icpshap.explanation.method import Method
 from icpshap.jobs import provenance as record
 from icpshap.report import captions, directions, figures
@@ -236,3 +237,29 @@ def test_interactive_page_draws_its_three_scenes(tmp_path):
     )
     assert not [line for line in console if "rror" in line]
     assert dom.count("<canvas") >= 3
+
+
+def test_what_is_wrong_with_the_scans_comes_first(results):
+    row = {
+        "sequence": "apartment",
+        "reference": 0,
+        "source": 1,
+        "against": "other pairs",
+        "verdict": "found",
+        "causes": "sensor_noise",
+        "confidence": 0.95,
+        **{f"level_{name}": 0.03 for name in causes.shown()},
+        **{f"z_{name}": 9.0 for name in causes.shown()},
+    }
+    calm = {**row, "source": 2, "verdict": "nothing", "causes": ""}
+    section = replace(results.sections[0], diagnosis=pd.DataFrame([row, calm]))
+    run = record.provenance({"run": ["grid"]}, {}, results.root, results.root)
+    page = report.page([section], run, results.root)
+    told = page.index("Of 2 pairs 1 stand out beside the others: Apartment 0–1: sensor noise")
+    assert page.index('id="diagnosis"') < told < page.index('id="fit"') < page.index("<figure")
+    assert "Not visible in scans" in page
+    assert "clean runs in a wrong basin" in page
+
+
+def test_a_pair_that_is_held_against_none_is_not_diagnosed(results):
+    assert 'id="diagnosis"' not in results.page

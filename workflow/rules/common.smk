@@ -277,6 +277,10 @@ def plan_of_fit(wildcards):
     return PLANS.fit(wildcards.experiment, wildcards.sequence)
 
 
+def plan_of_diagnosis(wildcards):
+    return PLANS.diagnosis(wildcards.experiment, wildcards.sequence)
+
+
 def plan_of_job(wildcards):
     return PLANS.job(wildcards.experiment, wildcards.sequence, int(wildcards.job))
 
@@ -423,7 +427,32 @@ def figures_of(experiment, scope, kind):
     figures = [
         at(paths.FIGURE, scope=scope, figure=name, kind=kind) for name in figure_names(experiment)
     ]
-    return figures + scenes_of(experiment, scope, kind)
+    first = diagnosis_figures(experiment, scope, kind)
+    return first + figures + scenes_of(experiment, scope, kind)
+
+
+def sequences_of(experiment, scope):
+    """The sequences of an experiment that a scope of it holds."""
+    return [
+        key for key in experiment.pairs if scope in (experiment.name, f"{experiment.name}/{key}")
+    ]
+
+
+def diagnoses_of(experiment, scope):
+    """The diagnoses of the sequences of a scope."""
+    return [
+        at(paths.DIAGNOSIS, experiment=experiment.name, sequence=sequence)
+        for sequence in sequences_of(experiment, scope)
+    ]
+
+
+def diagnosis_figures(experiment, scope, kind):
+    """Their pictures as files of a kind; of a single pair, which is held against none, none."""
+    return [
+        at(paths.DIAGNOSIS_FIGURE, experiment=experiment.name, sequence=sequence, kind=kind)
+        for sequence in sequences_of(experiment, scope)
+        if len(experiment.pairs[sequence]) > 1
+    ]
 
 
 def scenes_of(experiment, scope, kind):
@@ -553,6 +582,7 @@ def sections():
             "uncertainty": at(paths.TABLE, scope=scope, table="uncertainty"),
             "pairs": at(paths.TABLE, scope=scope, table="pairs"),
             "fit": at(paths.TABLE, scope=scope, table="fit"),
+            "diagnoses": diagnoses_of(experiment, scope),
             "what_if": what_if_of(experiment, scope),
             "figures": figures_of(experiment, scope, "svg"),
             "rankings": rankings_of(experiment, scope),

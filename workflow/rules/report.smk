@@ -163,6 +163,7 @@ rule report:
         # Both or none: where no selected sequence is of the paper, there is nothing to compare.
         compared=[at(paths.COMPARISON, kind=kind) for kind in ("csv", "svg") if compared_sections()],
         joined=[section[of] for section in joined_sections() for of in ("table", "figure")],
+        diagnoses=[path for section in sections() for path in section["diagnoses"]],
         what_if=[section["what_if"] for section in sections() if section["what_if"]],
         provenance=paths.PROVENANCE,
         template=f"{workflow.basedir}/icpshap/report/page.html",

@@ -12,7 +12,9 @@ from icpshap.report import what_if as what_if_tables
 from icpshap.report.study import Study
 
 
-def section(scope, study, shap, directions, uncertainty, pairs, fit, what_if, figures, rankings):
+def section(
+    scope, study, shap, directions, uncertainty, pairs, fit, diagnoses, what_if, figures, rankings
+):
     ranking = None
     if rankings:
         ranking = pd.read_csv(rankings[0], keep_default_na=False, na_values=[""])
@@ -26,7 +28,13 @@ def section(scope, study, shap, directions, uncertainty, pairs, fit, what_if, fi
         what_if_tables.read(what_if) if what_if else None,
         ranking,
         figures,
-        [shap, directions, uncertainty, pairs, fit, *filter(None, [what_if]), *rankings],
+        [
+            *(shap, directions, uncertainty, pairs, fit),
+            *diagnoses,
+            *filter(None, [what_if]),
+            *rankings,
+        ],
+        tables.read_all(diagnoses, "diagnosis"),
     )
 
 

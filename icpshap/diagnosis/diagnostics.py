@@ -1,0 +1,90 @@
+"""Numbers of a pair of scans that show what a cause of uncertainty has done to it, without ICP.
+
+In the pose at hand, which may be an estimate: none of them depends on it beyond the overlap
+distance.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from icpshap import se3
+from icpshap.diagnosis.planes import planes
+from icpshap.geometry import root_mean_square_distance
+
+SAMPLE = 1200  # points of a scan at most, every k-th, at which planes are measured
+FEWEST = 6  # planes that hold a pose
+NUMBERS = ("plane_residual", "overlap", "reference_points", "weakest_information")
+WORSE = (1, -1, -1, -1)  # the way in which each of them is worse
+
+
+class Diagnostics(NamedTuple):
+    """What a pair's data show.
+
+    plane_residual [m]: median over both scans; overlap [-]: N / |P1| in the pose at hand;
+    reference_points: those beyond the minimum range, of which something that hides the source takes
+    none; weakest_information [-]: of the information A on the pose that the overlapping source
+    points beyond the minimum range have, smallest eigenvalue over trace; direction (6,): its
+    eigenvector [rotation about their centroid in units of 1 / L; translation], in the reference's
+    axes; length [m]: L, their root mean square distance from their centroid.
+    """
+
+    plane_residual: float
+    overlap: float
+    reference_points: float
+    weakest_information: float
+    direction: np.ndarray
+    length: float
+
+    @property
+    def are_known(self):
+        """Whether all of them could be measured."""
+        return bool(np.isfinite(self.weakest_information) and self.weakest_information > 0)
+
+    @property
+    def logarithms(self):
+        """Of the `NUMBERS` (4,): causes multiply them."""
+        return np.log([getattr(self, name) for name in NUMBERS])
+
+
+def diagnostics(reference, source, T_reference_source, minimum_range, overlap_distance):
+    """The `Diagnostics` of two scans (n, 3) and (m, 3) [m], each in its scanner's frame.
+
+    What cannot be measured, where they hardly overlap or show no planes, is NaN.
+    """
+    moved = se3.transform(T_reference_source, source)
+    distances, _ = KDTree(reference).query(moved, distance_upper_bound=overlap_distance)
+    overlapping = distances <= overlap_distance
+    informing = np.flatnonzero(overlapping & (np.linalg.norm(source, axis=1) > minimum_range))
+    rows = _every(informing)
+    of_source = planes(source, rows)
+    in_range = np.flatnonzero(np.linalg.norm(reference, axis=1) > minimum_range)
+    of_reference = planes(reference, _every(in_range))
+    known = np.isfinite(of_source.residuals)
+    overlap = float(overlapping.sum() / len(reference))
+    if np.count_nonzero(known) < FEWEST:
+        return Diagnostics(
+            np.nan, overlap, float(len(in_range)), np.nan, np.full(6, np.nan), np.nan
+        )
+    length = root_mean_square_distance(moved[informing])
+    arms = (moved[rows] - moved[informing].mean(axis=0))[known]
+    across = of_source.normals[known] @ T_reference_source[:3, :3].T
+    a = np.hstack([np.cross(arms, across) / length, across])
+    # einsum: its sum is the same on any number of threads, which that of a matrix product is not.
+    information, directions = np.linalg.eigh(np.einsum("ni,nj->ij", a, a))
+    weakest = directions[:, 0]
+    return Diagnostics(
+        float(np.nanmedian(np.concatenate([of_source.residuals, of_reference.residuals]))),
+        overlap,
+        float(len(in_range)),
+        float(information[0] / information.sum()),
+        # Of either sign: that with the largest component positive.
+        weakest * np.sign(weakest[np.abs(weakest).argmax()]),
+        length,
+    )
+
+
+def _every(rows):
+    """At most `SAMPLE` rows, every k-th."""
+    return rows[:: -(-len(rows) // SAMPLE)] if len(rows) else rows

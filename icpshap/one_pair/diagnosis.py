@@ -1,0 +1,153 @@
+"""Diagnose one pair of scans: what is wrong with it, without perturbing or explaining it."""
+
+import json
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from icpshap.causes._sensors import SENSORS
+from icpshap.diagnosis.diagnose import Known, diagnose_alone
+from icpshap.diagnosis.diagnose import diagnose as diagnose_against
+from icpshap.diagnosis.table import row
+from icpshap.errors import DataError, UserError
+from icpshap.estimators.perturb import Streams
+from icpshap.one_pair.given import SEED, given, named_pair, scan
+from icpshap.one_pair.recipe import pair_of
+from icpshap.report import diagnosis as told
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What is wrong with a pair; table: the row of the workflow's table `diagnosis`.
+
+    truth: what is to be said of how the pose was found, "" of a given one.
+    """
+
+    table: pd.DataFrame
+    truth: str
+
+    @property
+    def sentence(self) -> str:
+        """The verdict."""
+        return told.sentence(next(self.table.itertuples()))
+
+    @property
+    def causes(self) -> list[str]:
+        """The names of the causes that were found, or that cannot be told apart."""
+        names = self.table.causes.iloc[0]
+        return names.split(", ") if names else []
+
+    @property
+    def levels(self) -> dict[str, float]:
+        """Level by name of each cause that scans show, in its own unit; 0 of those not found."""
+        prefix = "level_"
+        found = self.table.iloc[0]
+        return {
+            name.removeprefix(prefix): float(found[name])
+            for name in self.table.columns
+            if name.startswith(prefix)
+        }
+
+    def to_text(self, width: int = 100) -> str:
+        """A screen."""
+        of_pair = next(self.table.itertuples())
+        numbers = (
+            f"Plane residual {1000 * of_pair.plane_residual:.1f} mm, overlap {of_pair.overlap:.2f}."
+        )
+        lines = [self.sentence, numbers, told.weakest(of_pair), told.unseen(), self.truth]
+        return "\n".join(textwrap.fill(line, width) for line in lines if line)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it, as JSON can hold it; None for no value."""
+        values = self.table.iloc[0].to_dict()
+        plain = {key: getattr(value, "item", lambda v=value: v)() for key, value in values.items()}
+        known = {key: None if value != value else value for key, value in plain.items()}
+        return {"sentence": self.sentence, **known, "truth": self.truth}
+
+    def to_json(self) -> str:
+        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False) + "\n"
+
+    def __repr__(self) -> str:
+        return self.sentence
+
+
+def diagnose(
+    reference: Any,
+    source: Any,
+    T: Any = None,
+    *,
+    healthy: Sequence[Sequence[Any]] = (),
+    sensor: str | None = None,
+    estimator: Any = "lidar",
+    T_initial: Any = None,
+    seed: int = SEED,
+    name: str = "pair",
+    indices: tuple[int, int] = (0, 1),
+) -> Diagnosis:
+    """What is wrong with two scans, beside healthy ones: a `Diagnosis`.
+
+    Args:
+        reference, source, T, T_initial, seed, name, indices: as of `explain`.
+        healthy: pairs of the same scanner in the same kind of place, each (reference, source) or
+            (reference, source, T), such as the drive's other pairs; some may be unusual. From one
+            on they say what is usual; eight say how much that varies.
+        sensor: name of a scanner whose published noise is taken where there are no healthy pairs.
+        estimator: its minimum range counts, and that of its registration where T is not given.
+
+    Raises:
+        UserError: an argument cannot be used, or says what is wrong with the scans.
+    """
+    if sensor is not None and sensor not in SENSORS:
+        raise UserError(
+            f"sensor: {sensor!r}, expected one of {', '.join(SENSORS)}.\n"
+            "Hint: docs/causes.md has what is published of each."
+        )
+    if sensor is not None and len(healthy):
+        raise UserError(
+            "sensor: given with healthy pairs, which say more.\nHint: leave one of them out."
+        )
+    asked = given(None, estimator, None, None, None, seed)
+    key, *scans = named_pair(name, indices)
+    # Only the pair that is diagnosed may start elsewhere than the identity.
+    named = [("", (reference, source, T), T_initial)]
+    named += [(f"healthy {place}: ", _three(of, place), None) for place, of in enumerate(healthy)]
+    streams = [Streams(asked.seed, key, *scans)]
+    streams += [
+        Streams(asked.seed, f"{key} healthy", place, place + 1) for place in range(len(healthy))
+    ]
+    with threadpool_limits(1):  # the order of sums must not depend on the cores
+        known = []
+        for of_pair, (word, (first, second, pose), start) in zip(streams, named, strict=True):
+            clouds = scan(first, f"{word}reference"), scan(second, f"{word}source")
+            pair, truth = pair_of(*clouds, pose, start, asked)
+            minimum_range = asked.preset.estimator.perturbing.minimum_range
+            measured = Known(partial(pair.for_chain, minimum_range), of_pair)
+            if not measured.diagnostics.are_known:
+                raise DataError(
+                    f"{word or 'the pair: '}an overlap of {measured.diagnostics.overlap:.3f} at "
+                    f"the pose, or no planes beyond {minimum_range:g} m: nothing can be measured.",
+                    "check the pose, its direction (it maps source to reference) and the units.",
+                )
+            known.append((measured, truth))
+        (one, truth), *others = known
+        if others:
+            found = diagnose_against(one, [other for other, _ in others])
+            of_row = row(found, streams[0], streams[1 + found.healthiest])
+        else:
+            of_row = row(diagnose_alone(one, sensor), streams[0], None)
+    return Diagnosis(pd.DataFrame([of_row]), truth)
+
+
+def _three(pair, place):
+    """Reference, source and T of a healthy pair. Raises UserError."""
+    if isinstance(pair, str) or len(pair) not in (2, 3):
+        raise UserError(
+            f"healthy: entry {place} has {len(pair)} parts, expected (reference, source) or "
+            "(reference, source, T).\nHint: a list of pairs, even of one."
+        )
+    return (*pair, None)[:3]

@@ -1,0 +1,55 @@
+"""What is wrong with the pairs of a sequence, before anything is perturbed.
+
+Outputs: results/{experiment}/{sequence}/diagnosis.parquet,
+results/{experiment}/{sequence}/figures/diagnosis.{png,svg,txt}
+"""
+
+
+rule diagnose_sequence:
+    """Say which cause stands out in each pair of a sequence, beside the other pairs."""
+    input:
+        scans=scan_files_of_pairs,
+        poses=poses_for(paths.DIAGNOSIS, plan_of_diagnosis),
+        overlaps=overlaps_of_pairs,
+    output:
+        paths.DIAGNOSIS,
+    log:
+        "logs/diagnose_sequence/{experiment}/{sequence}.log",
+    benchmark:
+        "logs/diagnose_sequence/{experiment}/{sequence}.tsv"
+    threads: 1
+    resources:
+        mem_mb=memory_of_scans(500, 900),
+    params:
+        plan=plan_of_diagnosis,
+        scans=scans_of_pairs,
+    script:
+        "../scripts/diagnose_sequence.py"
+
+
+rule draw_diagnosis:
+    """Draw which causes stand out in which pairs of a sequence."""
+    input:
+        paths.DIAGNOSIS,
+    output:
+        png=report(
+            at(paths.DIAGNOSIS_FIGURE, kind="png"),
+            caption="../report/figure.rst",
+            category="{experiment}",
+            subcategory="Figures",
+            labels={"sequence": "{sequence}", "figure": "diagnosis"},
+        ),
+        svg=at(paths.DIAGNOSIS_FIGURE, kind="svg"),
+        caption=at(paths.DIAGNOSIS_FIGURE, kind="txt"),
+    log:
+        "logs/draw_diagnosis/{experiment}/{sequence}.log",
+    benchmark:
+        "logs/draw_diagnosis/{experiment}/{sequence}.tsv"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        code=code("draw_diagnosis"),
+        titles=lambda wildcards: {wildcards.sequence: sequence_of(wildcards).title},
+    script:
+        "../scripts/draw_diagnosis.py"
