@@ -255,7 +255,7 @@ def test_what_is_wrong_with_the_scans_comes_first(results):
     section = replace(results.sections[0], diagnosis=pd.DataFrame([row, calm]))
     run = record.provenance({"run": ["grid"]}, {}, results.root, results.root)
     page = report.page([section], run, results.root)
-    told = page.index("Of 2 pairs 1 stand out beside the others: Apartment 0–1: sensor noise")
+    told = page.index("Of 2 pairs 1 stands out beside the others: Apartment 0–1: sensor noise")
     assert page.index('id="diagnosis"') < told < page.index('id="fit"') < page.index("<figure")
     assert "Not visible in scans" in page
     assert "clean runs in a wrong basin" in page
