@@ -5,7 +5,7 @@ from tabulate import tabulate
 
 from icpshap import causes
 from icpshap.diagnosis.diagnose import NONE, OTHERS, SHEET
-from icpshap.diagnosis.verdict import FOUND, NOTHING, UNDECIDED, UNKNOWN
+from icpshap.diagnosis.verdict import FLOOR, FOUND, NOTHING, UNDECIDED, UNKNOWN
 from icpshap.report import words
 from icpshap.report.study import pairs_of
 from icpshap.tables import PAIR
@@ -52,10 +52,17 @@ def doubts(row):
         return "A data sheet says something of noise alone, and nothing of overlap and directions."
     if row.against == OTHERS and row.healthy_pairs < ENOUGH:
         return (
-            f"{row.healthy_pairs} other pair{'s' * (row.healthy_pairs > 1)} hardly say how much "
-            f"what is usual varies: give {ENOUGH} or more."
+            f"Fewer than {ENOUGH} other pairs hardly say how much what is usual varies: standard "
+            f"deviations are of at least {_assumed()}, which is assumed."
         )
     return ""
+
+
+def _assumed():
+    """The least standard deviations that healthy pairs are taken to have."""
+    weakest = "weakest_information"
+    others = {f"{100 * least:g} %" for name, least in FLOOR.items() if name != weakest}
+    return f"{words.listed(sorted(others))} ({100 * FLOOR[weakest]:g} % of the weakest information)"
 
 
 def _found(name, row):
@@ -91,7 +98,7 @@ def summary(table, pair_name):
     unknown = int((table.verdict == UNKNOWN).sum())
     if unknown == len(table):
         return sentence(next(table.itertuples()))
-    left_out = f" Of {unknown} nothing can be said." if unknown else ""
+    left_out = f" Of {unknown} more nothing can be said." if unknown else ""
     known = len(table) - unknown
     if named.empty:
         return f"Nothing stands out in any of {known} pairs, each beside the others.{left_out}"

@@ -94,7 +94,8 @@ def test_pairs_that_cannot_be_measured_are_counted_apart():
     lost = {"against": "nothing", "verdict": "unknown", "weakest_information": float("nan")}
     text = diagnosis.summary(table({}, lost, {}), lambda row: "")
     assert text == (
-        "Nothing stands out in any of 2 pairs, each beside the others. Of 1 nothing can be said."
+        "Nothing stands out in any of 2 pairs, each beside the others. Of 1 more nothing "
+        "can be said."
     )
     assert "hardly overlap at the pose" in diagnosis.sentence(row(**lost))
 
@@ -103,7 +104,10 @@ def test_pairs_that_cannot_be_measured_are_counted_apart():
     ("changes", "said"),
     [
         ({}, ""),
-        ({"healthy_pairs": 2}, "2 other pairs hardly say how much what is usual varies"),
+        (
+            {"healthy_pairs": 2},
+            "of at least 5 % (15 % of the weakest information), which is assumed",
+        ),
         ({"against": "data sheet"}, "nothing of overlap and directions"),
     ],
 )
@@ -130,3 +134,8 @@ def test_a_figure_without_pairs_to_compare_says_so():
 
 def test_the_caption_says_what_is_not_seen():
     assert "What all pairs have is not seen" in pictures.caption(table({}))
+
+
+def test_the_caption_counts_the_pairs_that_are_shown():
+    caption = pictures.caption(table({}, NOISE, {"verdict": "unknown"}))
+    assert "2 pairs; 1 more could not be held against another one." in caption
