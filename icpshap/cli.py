@@ -145,6 +145,7 @@ def _diagnose(given: argparse.Namespace) -> None:
         sensor=given.sensor,
         estimator=_estimator(given),
         T_initial=_transform(given.initial_transform),
+        seed=given.seed,
     )
     if given.json:
         if hasattr(sys.stdout, "reconfigure"):
@@ -177,6 +178,7 @@ def _export(given: argparse.Namespace) -> None:
     from icpshap.export.measurement import read_covariances
     from icpshap.one_pair.explanation import writable
 
+    _require_place("--output", given.output, [given.covariances])
     levels = {**(clean() if given.clean else {}), **_levels(given)}
     table = read_covariances(given.covariances)
     texts, remarks = export(table, given.to, levels, given.sequence)
@@ -298,26 +300,32 @@ def _what_if(texts):
 
 def _require_places(given):
     """Raise UserError where a file could not be written, before anything is computed."""
-    taken = [Path(path).resolve() for path in (given.reference, given.source)]
+    taken = [given.reference, given.source]
     for option in ("html", "covariance", "save"):
-        if (path := getattr(given, option)) is None:
-            continue
-        place = Path(path).absolute()
-        if not path or place.is_dir() or not _is_writable(place):
-            raise UserError(
-                f"--{option} {path}: cannot be written, expected a file in a folder that is there "
-                "and that you may write to.\nHint: make the folder, or give another place."
-            )
-        if place.resolve() in taken:
-            raise UserError(
-                f"--{option} {path}: would overwrite another file of this command.\n"
-                "Hint: give another place."
-            )
-        taken.append(place.resolve())
+        path = getattr(given, option)
+        _require_place(f"--{option}", path, taken)
+        taken += [path] if path else []
     if given.html:
         from icpshap.one_pair.pictures import modules_of_the_page
 
         modules_of_the_page()
+
+
+def _require_place(option, path, taken):
+    """Raise UserError where a file could not be written, or would be in the place of one taken."""
+    if path is None:
+        return
+    place = Path(path).absolute()
+    if not path or place.is_dir() or not _is_writable(place):
+        raise UserError(
+            f"{option} {path}: cannot be written, expected a file in a folder that is there and "
+            "that you may write to.\nHint: make the folder, or give another place."
+        )
+    if place.resolve() in [Path(other).resolve() for other in taken]:
+        raise UserError(
+            f"{option} {path}: would overwrite another file of this command.\n"
+            "Hint: give another place."
+        )
 
 
 def _is_writable(place):
@@ -379,7 +387,7 @@ def _parser() -> argparse.ArgumentParser:
         help="explain again with other options or levels, and say which helps; alone: more "
         "neighbours, a tighter stop, twice the points, a closer start",
     )
-    explain.add_argument("--seed", type=int, default=SEED, help=f"of all random numbers ({SEED})")
+    _seed(explain, SEED)
     explain.add_argument(
         "--threads", type=_positive, metavar="N", help="changes no number (all cores)"
     )
@@ -422,6 +430,7 @@ def _parser() -> argparse.ArgumentParser:
         help="where there is no such pair: the scanner whose published noise is taken, such as "
         "velodyne_vlp_16",
     )
+    _seed(diagnose, SEED)
     diagnose.add_argument("--json", action="store_true", help="print JSON instead of a screen")
     _add_experiment(explain)
     _add_experiment(fit)
@@ -451,6 +460,10 @@ def _export_command(commands):
     causes = command.add_argument_group("levels of the causes, where the table has several")
     for cause in CAUSES.values():
         _level(causes, cause, f"off is {cause.off:g}")
+
+
+def _seed(command, usual):
+    command.add_argument("--seed", type=int, default=usual, help=f"of all random numbers ({usual})")
 
 
 def _level(group, cause, told):

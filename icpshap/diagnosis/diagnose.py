@@ -87,13 +87,13 @@ def diagnose_alone(known, sensor):
     if sensor is None or not known.diagnostics.are_known:
         return Diagnosis(known.diagnostics, nowhere, _unknown(), NONE, 0, None)
     published = _published(known.load(), sensor)
-    residual = known.diagnostics.plane_residual
+    residual = known.diagnostics.logarithms[:1]
     healthy = Healthy(np.log([published]), np.array([OF_A_SHEET]), np.array([0.0]))
     levels = published * np.array([0.0, *TIMES_PUBLISHED])
     changes = 0.5 * np.log1p((levels[:, None] / published) ** 2)
     of_noise = Curve(levels, changes, np.zeros_like(changes), 0)
-    found = verdict(np.log([residual]), healthy, {"sensor_noise": of_noise})
-    z = {**nowhere, "sensor_noise": float(healthy.z(np.log([residual]))[0])}
+    found = verdict(residual, healthy, {"sensor_noise": of_noise})
+    z = {**nowhere, "sensor_noise": float(healthy.z(residual)[0])}
     unknown = _unknown()
     found = Verdict(
         {**unknown.probabilities, **found.probabilities},

@@ -15,6 +15,7 @@ from icpshap.geometry import root_mean_square_distance
 
 SAMPLE = 1200  # points of a scan at most, every k-th, at which planes are measured
 FEWEST = 6  # planes that hold a pose
+LEAST = 1e-4  # m, plane residual below which scans are alike: no scanner's, but simulated ones'
 NUMBERS = ("plane_residual", "overlap", "reference_points", "weakest_information")
 WORSE = (1, -1, -1, -1)  # the way in which each of them is worse
 
@@ -45,7 +46,8 @@ class Diagnostics(NamedTuple):
     @property
     def logarithms(self):
         """Of the `NUMBERS` (4,): causes multiply them."""
-        return np.log([getattr(self, name) for name in NUMBERS])
+        known = self._replace(plane_residual=max(self.plane_residual, LEAST))
+        return np.log([getattr(known, name) for name in NUMBERS])
 
 
 def diagnostics(reference, source, T_reference_source, minimum_range, overlap_distance):

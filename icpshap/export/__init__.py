@@ -18,6 +18,11 @@ def export(table, name, levels, sequence=None):
     """
     written_as = FORMATS[name]()
     measured = measurement.of_sequence(measurement.measurements(table), sequence)
+    if not measured:
+        raise UserError(
+            "The table has no rows, and so no covariance.\n"
+            "Hint: an experiment without pairs makes one; give that of another."
+        )
     chosen = measurement.instance(measured, levels)
     choose = measurement.coalitions if written_as.all_coalitions else measurement.at
     wanted = choose(measured, chosen)
@@ -38,10 +43,10 @@ def _remarks(wanted, known):
         lines.append(
             f"{len(lost)} pair(s) without a covariance are left out, the first is {lost[0]}."
         )
-    worst = min(known, key=lambda one: one.n_used / one.n_runs)
-    if worst.n_used < worst.n_runs:
+    worst = max(known, key=lambda one: one.left_out)
+    if worst.left_out > 0:
         lines.append(
-            f"The covariances leave out up to {1 - worst.n_used / worst.n_runs:.0%} of the runs "
+            f"The covariances leave out up to {worst.left_out:.0%} of the runs "
             f"({worst.in_words}), which failed or ended in a wrong basin."
         )
     return lines

@@ -38,6 +38,11 @@ class Measurement:
         return bool(np.isfinite(self.covariance).all())
 
     @property
+    def left_out(self):
+        """The share of its runs that the covariance is not of; 0 of estimators without runs."""
+        return 1 - self.n_used / self.n_runs if self.n_runs else 0.0
+
+    @property
     def translation(self):
         """Of its pose (3,) [m]."""
         return self.T_reference_source[:3, 3]

@@ -45,7 +45,8 @@ def compounded(measurements):
             raise UserError(
                 f"tum: the pair {one.in_words} does not go on from scan {index}, expected a chain "
                 "of pairs, each from the source of the one before.\n"
-                "Hint: other formats take any pairs; or leave out what lies before or behind."
+                "Hint: other formats take any pairs, also where one without a covariance is left "
+                "out."
             )
         carry = se3.adjoint(se3.inverse(one.T_reference_source))
         covariance = carry @ covariance @ carry.T + one.covariance

@@ -7,29 +7,38 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from icpshap.causes._sensors import SENSORS
+from icpshap.causes._sensors import ACCURACY, SENSORS
 from icpshap.diagnosis.diagnose import Known, diagnose_alone
 from icpshap.diagnosis.diagnose import diagnose as diagnose_against
 from icpshap.diagnosis.table import row
 from icpshap.errors import DataError, UserError
 from icpshap.estimators.perturb import Streams
+from icpshap.one_pair.explanation import plain
 from icpshap.one_pair.given import SEED, given, named_pair, scan
 from icpshap.one_pair.recipe import pair_of
 from icpshap.report import diagnosis as told
+
+OWN_POSE = (
+    "The pose is what the registration itself answered: where it is wrong by more than the overlap "
+    "distance, overlap and weakest direction are too."
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """What is wrong with a pair; table: the row of the workflow's table `diagnosis`.
 
-    truth: what is to be said of how the pose was found, "" of a given one.
+    truth: what is to be said of how the pose was found, "" of a given one; sheet: of the data sheet
+    that the pair is held against, "" of none.
     """
 
     table: pd.DataFrame
     truth: str
+    sheet: str
 
     @property
     def sentence(self) -> str:
@@ -44,7 +53,10 @@ class Diagnosis:
 
     @property
     def levels(self) -> dict[str, float]:
-        """Level by name of each cause that scans show, in its own unit; 0 of those not found."""
+        """Level by name of each cause that scans show, in its own unit; 0 of those not found.
+
+        NaN of those that there is nothing to hold against.
+        """
         prefix = "level_"
         found = self.table.iloc[0]
         return {
@@ -59,18 +71,17 @@ class Diagnosis:
         numbers = (
             f"Plane residual {1000 * of_pair.plane_residual:.1f} mm, overlap {of_pair.overlap:.2f}."
         )
-        lines = [self.sentence, numbers, told.weakest(of_pair), told.unseen(), self.truth]
+        doubts = [told.doubts(of_pair), self.sheet, told.unseen(), self.truth]
+        lines = [self.sentence, numbers, told.weakest(of_pair), *doubts]
         return "\n".join(textwrap.fill(line, width) for line in lines if line)
 
     def to_dict(self) -> dict[str, Any]:
         """All of it, as JSON can hold it; None for no value."""
-        values = self.table.iloc[0].to_dict()
-        plain = {key: getattr(value, "item", lambda v=value: v)() for key, value in values.items()}
-        known = {key: None if value != value else value for key, value in plain.items()}
-        return {"sentence": self.sentence, **known, "truth": self.truth}
+        values = plain(self.table.iloc[0].to_dict())
+        return {"sentence": self.sentence, **values, "truth": self.truth, "sheet": self.sheet}
 
     def to_json(self) -> str:
-        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False) + "\n"
+        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
     def __repr__(self) -> str:
         return self.sentence
@@ -122,8 +133,15 @@ def diagnose(
     ]
     with threadpool_limits(1):  # the order of sums must not depend on the cores
         known = []
+        own: list[Any] = []
         for of_pair, (word, (first, second, pose), start) in zip(streams, named, strict=True):
             clouds = scan(first, f"{word}reference"), scan(second, f"{word}source")
+            if own and all(map(np.array_equal, clouds, own)):
+                raise UserError(
+                    f"{word}the pair that is diagnosed, expected another one.\n"
+                    "Hint: beside itself no pair is unusual; leave it out."
+                )
+            own = own or list(clouds)
             pair, truth = pair_of(*clouds, pose, start, asked)
             minimum_range = asked.preset.estimator.perturbing.minimum_range
             measured = Known(partial(pair.for_chain, minimum_range), of_pair)
@@ -133,14 +151,24 @@ def diagnose(
                     f"the pose, or no planes beyond {minimum_range:g} m: nothing can be measured.",
                     "check the pose, its direction (it maps source to reference) and the units.",
                 )
-            known.append((measured, truth))
+            known.append((measured, OWN_POSE if truth else ""))
         (one, truth), *others = known
         if others:
             found = diagnose_against(one, [other for other, _ in others])
             of_row = row(found, streams[0], streams[1 + found.healthiest])
         else:
             of_row = row(diagnose_alone(one, sensor), streams[0], None)
-    return Diagnosis(pd.DataFrame([of_row]), truth)
+    return Diagnosis(pd.DataFrame([of_row]), truth, _of_sheet(sensor))
+
+
+def _of_sheet(name):
+    """What is to be said of what a scanner's sheet says, "" of a standard deviation."""
+    if name is None or SENSORS[name].says != ACCURACY:
+        return ""
+    return (
+        f"Of the {SENSORS[name].title} an accuracy is published, which is no standard deviation: "
+        "noise below it may be unusual all the same."
+    )
 
 
 def _three(pair, place):

@@ -299,7 +299,7 @@ class Explanation:
             "options": self.options,
             "seed": self.seed,
         }
-        return _plain(found)
+        return plain(found)
 
     def _what_if(self):
         tried = self.tables.get("what_if")
@@ -408,14 +408,14 @@ class writable:
             ) from None
 
 
-def _plain(value):
+def plain(value):
     """Mappings, lists, texts, truth values and finite numbers; None for NaN and infinity."""
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not np.isfinite(value):

@@ -4,11 +4,13 @@ import numpy as np
 from tabulate import tabulate
 
 from icpshap import causes
-from icpshap.diagnosis.diagnose import NONE, OTHERS
-from icpshap.diagnosis.verdict import FOUND, NOTHING, UNDECIDED
+from icpshap.diagnosis.diagnose import NONE, OTHERS, SHEET
+from icpshap.diagnosis.verdict import FLOOR, FOUND, NOTHING, UNDECIDED, UNKNOWN
 from icpshap.report import words
 from icpshap.report.study import pairs_of
 from icpshap.tables import PAIR
+
+ENOUGH = 8  # healthy pairs from which on they say how much what is usual varies
 
 
 def sentence(row):
@@ -17,9 +19,15 @@ def sentence(row):
         OTHERS: f"Beside {row.healthy_pairs} other pair{'s' * (row.healthy_pairs > 1)}",
         NONE: "With no other pair",
     }.get(row.against, "Beside the scanner's data sheet")
-    sure = f"probability {row.confidence:.2f}"
+    if np.isnan(row.weakest_information):
+        return (
+            "The scans hardly overlap at the pose, or show no planes: nothing can be measured in "
+            "them."
+        )
+    sure = f"probability {probability(row.confidence)}"
     if row.verdict == NOTHING:
-        return f"{beside} nothing stands out ({sure})."
+        what = "the noise does not stand out" if row.against == SHEET else "nothing stands out"
+        return f"{beside} {what} ({sure})."
     names = row.causes.split(", ") if row.causes else []
     if row.verdict == UNDECIDED:
         both = words.listed(words.titles(names))
@@ -31,6 +39,30 @@ def sentence(row):
         f"{beside} or scanner to be held against, nothing can be called unusual: give healthy pairs"
         " of the same scanner in the same kind of place, or name the scanner."
     )
+
+
+def probability(value):
+    """That of a verdict: none is certain."""
+    return "above 0.99" if value > 0.99 else f"{value:.2f}"
+
+
+def doubts(row):
+    """What the pairs that a pair is held against do not say, "" of nothing."""
+    if row.against == SHEET:
+        return "A data sheet says something of noise alone, and nothing of overlap and directions."
+    if row.against == OTHERS and row.healthy_pairs < ENOUGH:
+        return (
+            f"Fewer than {ENOUGH} other pairs hardly say how much what is usual varies: standard "
+            f"deviations are of at least {_assumed()}, which is assumed."
+        )
+    return ""
+
+
+def _assumed():
+    """The least standard deviations that healthy pairs are taken to have."""
+    weakest = "weakest_information"
+    others = {f"{100 * least:g} %" for name, least in FLOOR.items() if name != weakest}
+    return f"{words.listed(sorted(others))} ({100 * FLOOR[weakest]:g} % of the weakest information)"
 
 
 def _found(name, row):
@@ -53,7 +85,8 @@ def unseen():
     hidden = words.listed([c.title for c in known if not (c.told or c.shown_by)])
     return (
         f"Told by the configuration, not measured: {told}. Not visible in scans: {hidden}. A pair "
-        "is held against others: what all of them have is not seen."
+        "is held against others: what all of them have is not seen, and pairs of another kind of "
+        "place mislead. What stands out need not make the registration uncertain."
     )
 
 
@@ -62,15 +95,18 @@ def summary(table, pair_name):
     if len(table) == 1:
         return sentence(next(table.itertuples()))
     named = table[table.verdict.isin([FOUND, UNDECIDED])]
+    unknown = int((table.verdict == UNKNOWN).sum())
+    if unknown == len(table):
+        return sentence(next(table.itertuples()))
+    left_out = f" Of {unknown} more nothing can be said." if unknown else ""
+    known = len(table) - unknown
     if named.empty:
-        compared = (table.against == OTHERS).any()
-        return (
-            f"Nothing stands out in any of {len(table)} pairs, each beside the others."
-            if compared
-            else sentence(next(table.itertuples()))
-        )
+        return f"Nothing stands out in any of {known} pairs, each beside the others.{left_out}"
     parts = [f"{pair_name(row)}: {_short(row)}" for row in named.itertuples()]
-    return f"Of {len(table)} pairs {len(named)} stand out beside the others: {'; '.join(parts)}."
+    return (
+        f"Of {known} pairs {len(named)} stand{'s' * (len(named) == 1)} out beside the others: "
+        f"{'; '.join(parts)}.{left_out}"
+    )
 
 
 def _short(row):
@@ -92,7 +128,7 @@ def html(table, shap, study):
             study.pair(row),
             *(_standing(getattr(row, f"z_{name}")) for name in names),
             _short(row) if row.verdict in (FOUND, UNDECIDED) else row.verdict,
-            "" if np.isnan(row.confidence) else f"{row.confidence:.2f}",
+            "" if np.isnan(row.confidence) else probability(row.confidence),
             _share(lost.get((row.sequence, row.reference, row.source), np.nan)),
         ]
         for row in table.itertuples()

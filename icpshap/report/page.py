@@ -167,21 +167,22 @@ def _fit(section):
 def _diagnoses(sections):
     """What is wrong with the pairs of each section: scope, sentence, and the table if it is long.
 
-    What several sections have in common, since they are of the same pairs, is said once.
+    What is the same of several sections, since they are of the same pairs, is said once.
     """
     found = {}
     for section in sections:
         if section.diagnosis is None or not (section.diagnosis.against == OTHERS).any():
             continue  # a pair alone has nothing to be held against
         text = diagnosis.summary(section.diagnosis, section.study.pair)
-        found.setdefault(text, []).append(section)
+        sequence = section.diagnosis.sequence.iloc[0]
+        found.setdefault((text, sequence), []).append(section)
     return [
         (
             ", ".join(section.scope for section in together),
             text,
             Markup(_pair_by_pair(together[0])),
         )
-        for text, together in found.items()
+        for (text, _), together in found.items()
     ]
 
 

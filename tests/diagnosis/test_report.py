@@ -54,8 +54,9 @@ def row(**changes):
         ({"healthy_pairs": 1}, "Beside 1 other pair nothing stands out (probability 0.97)."),
         (
             {"against": "data sheet"},
-            "Beside the scanner's data sheet nothing stands out (probability 0.97).",
+            "Beside the scanner's data sheet the noise does not stand out (probability 0.97).",
         ),
+        ({"confidence": 1.0}, "Beside 8 other pairs nothing stands out (probability above 0.99)."),
     ],
 )
 def test_the_verdict_is_a_sentence(changes, sentence):
@@ -83,8 +84,36 @@ def test_of_many_pairs_those_that_stand_out_are_named():
     text = diagnosis.summary(table({}, NOISE, TWO), lambda row: f"Drive {row.reference}")
     assert text.startswith("Of 3 pairs 2 stand out beside the others: Drive 1: sensor noise (σ =")
     assert text.endswith("Drive 2: partial overlap or under-constrained situation.")
+    one = diagnosis.summary(table({}, NOISE), lambda row: "Drive")
+    assert one.startswith("Of 2 pairs 1 stands out beside the others: Drive: sensor noise")
     calm = diagnosis.summary(table({}, {}), lambda row: "")
     assert calm == "Nothing stands out in any of 2 pairs, each beside the others."
+
+
+def test_pairs_that_cannot_be_measured_are_counted_apart():
+    lost = {"against": "nothing", "verdict": "unknown", "weakest_information": float("nan")}
+    text = diagnosis.summary(table({}, lost, {}), lambda row: "")
+    assert text == (
+        "Nothing stands out in any of 2 pairs, each beside the others. Of 1 more nothing "
+        "can be said."
+    )
+    assert "hardly overlap at the pose" in diagnosis.sentence(row(**lost))
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, ""),
+        (
+            {"healthy_pairs": 2},
+            "of at least 5 % (15 % of the weakest information), which is assumed",
+        ),
+        ({"against": "data sheet"}, "nothing of overlap and directions"),
+    ],
+)
+def test_what_the_others_do_not_say_is_said(changes, said):
+    text = diagnosis.doubts(row(**changes))
+    assert said in text and bool(text) == bool(said)
 
 
 def test_the_figure_has_a_cell_of_each_pair_and_cause():
@@ -105,3 +134,8 @@ def test_a_figure_without_pairs_to_compare_says_so():
 
 def test_the_caption_says_what_is_not_seen():
     assert "What all pairs have is not seen" in pictures.caption(table({}))
+
+
+def test_the_caption_counts_the_pairs_that_are_shown():
+    caption = pictures.caption(table({}, NOISE, {"verdict": "unknown"}))
+    assert "2 pairs; 1 more could not be held against another one." in caption

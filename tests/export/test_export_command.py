@@ -74,3 +74,29 @@ def test_a_file_that_is_none_is_refused(file, tmp_path, capsys):
 def test_a_place_that_cannot_be_written_is_named(file, tmp_path, capsys):
     assert run(file, "--to", "g2o", "--output", tmp_path / "no" / "drive.g2o") == 1
     assert "drive.g2o: cannot be written" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("place", ["", ".", ".."])
+def test_a_place_that_is_no_file_is_named(file, place, capsys):
+    assert run(file, "--to", "g2o", "--output", place) == 1
+    assert f"--output {place}: cannot be written" in capsys.readouterr().err
+
+
+def test_the_table_itself_is_not_overwritten(file, capsys):
+    before = file.read_bytes()
+    assert run(file, "--to", "g2o", "--output", file) == 1
+    assert "would overwrite another file of this command" in capsys.readouterr().err
+    assert file.read_bytes() == before
+
+
+def test_a_table_without_rows_is_refused(tmp_path, capsys):
+    path = tmp_path / "covariances.parquet"
+    tables.write(path, tables.empty("covariances", ON), "covariances", causes=ON)
+    assert run(path, "--to", "json") == 1
+    assert "The table has no rows" in capsys.readouterr().err
+
+
+def test_covariances_that_are_of_no_runs_leave_out_none(file, capsys):
+    tables.write(file, table().assign(n_runs=0, n_used=0), "covariances", causes=ON)
+    assert run(file, "--to", "g2o") == 0
+    assert capsys.readouterr().err == ""

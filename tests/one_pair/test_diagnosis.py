@@ -61,11 +61,26 @@ def test_without_anything_to_compare_no_number_is_called_unusual():
         ({"sensor": "eyes"}, "sensor: 'eyes', expected one of hokuyo_utm_30lx"),
         ({"sensor": "velodyne_vlp_16", "healthy": HEALTHY}, "given with healthy pairs"),
         ({"healthy": [HEALTHY[0][:1]]}, "healthy: entry 0 has 1 parts, expected"),
+        ({"healthy": [given(0)]}, "healthy 0: the pair that is diagnosed, expected another one"),
     ],
 )
 def test_what_cannot_be_used_is_said(arguments, message):
     with pytest.raises(UserError, match=message):
         icpshap.diagnose(*given(0), **arguments)
+
+
+def test_scans_without_any_noise_have_json_too():
+    found = icpshap.diagnose(*given(0, noise=0.0), sensor="velodyne_vlp_16")
+    assert found.table.plane_residual[0] == pytest.approx(0, abs=1e-9)
+    assert json.loads(found.to_json())["z_sensor_noise"] < 0
+
+
+def test_of_a_sheet_that_says_an_accuracy_that_is_said():
+    vague, exact = (
+        icpshap.diagnose(*given(0), sensor=name) for name in ("velodyne_vlp_16", "hokuyo_utm_30lx")
+    )
+    assert "VLP-16 an accuracy is published" in " ".join(vague.to_text().split())
+    assert exact.sheet == "" and "the noise does not stand out" in exact.sentence
 
 
 def test_scans_that_do_not_overlap_cannot_be_measured():

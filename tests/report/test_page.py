@@ -255,10 +255,30 @@ def test_what_is_wrong_with_the_scans_comes_first(results):
     section = replace(results.sections[0], diagnosis=pd.DataFrame([row, calm]))
     run = record.provenance({"run": ["grid"]}, {}, results.root, results.root)
     page = report.page([section], run, results.root)
-    told = page.index("Of 2 pairs 1 stand out beside the others: Apartment 0–1: sensor noise")
+    told = page.index("Of 2 pairs 1 stands out beside the others: Apartment 0–1: sensor noise")
     assert page.index('id="diagnosis"') < told < page.index('id="fit"') < page.index("<figure")
     assert "Not visible in scans" in page
     assert "clean runs in a wrong basin" in page
+
+
+def test_the_same_words_of_two_sequences_are_said_of_each(results):
+    row = {
+        "sequence": "apartment",
+        "reference": 0,
+        "source": 1,
+        "against": "other pairs",
+        "verdict": "nothing",
+        "causes": "",
+        "confidence": 0.95,
+        **{f"z_{name}": 0.1 for name in causes.shown()},
+    }
+    calm = pd.DataFrame([row, {**row, "reference": 1, "source": 2}])
+    sections = [
+        replace(results.sections[0], diagnosis=calm),
+        replace(results.sections[0], diagnosis=calm.assign(sequence="stairs")),
+    ]
+    assert len(report._diagnoses(sections)) == 2
+    assert len(report._diagnoses([sections[0], sections[0]])) == 1
 
 
 def test_a_pair_that_is_held_against_none_is_not_diagnosed(results):

@@ -64,11 +64,14 @@ def _mark(axes, place, column, row, name, with_text):
 
 def caption(table):
     """What the figure shows."""
+    known = int((table.verdict != UNKNOWN).sum())
+    unknown = len(table) - known
+    left_out = f"; {unknown} more could not be held against another one" if unknown else ""
     return (
         "What is wrong with each pair, measured without ICP: how many standard deviations of the "
         "other pairs its plane residual (sensor noise), overlap (partial overlap) and weakest "
         "information share (under-constrained situation) are away, red where the cause would move "
         "them. Cells of causes that are found say the level, '?' that two cannot be told apart. "
-        f"{len(table)} pair{'s' * (len(table) > 1)}. What all pairs have is not seen, nor are "
+        f"{known} pair{'s' * (known != 1)}{left_out}. What all pairs have is not seen, nor are "
         "causes that leave no mark in the scans."
     )
