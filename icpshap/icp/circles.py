@@ -10,7 +10,8 @@ ten iterations.)
 
 Exactness: a round counts as closed if each of its poses is within ROUNDING of the one a round
 before, which is what the rounding of sums moves poses by in a round. So a run ends where it would
-have ended up to rounding, with the same number of iterations.
+have ended up to rounding, with the same number of iterations, unless rounding itself decides what
+comes next (links of equal length at the threshold), or the stopping rule's limits are below it.
 
 Measured: docs/engine.md.
 """

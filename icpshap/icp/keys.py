@@ -10,8 +10,9 @@ length of the link is within e of one whose square is between K (1 - 6 u) and K 
 u = 2^-24. So it is shorter than sqrt(t) if K < (sqrt(t) - e)^2 (1 - 2^-14), and not shorter if
 K >= (sqrt(t) + e)^2 (1 + 2^-14), which leaves room for the rounding of full lengths and of the
 bounds. As a key with its place is up to 255 units above K, the second bound is raised by as many.
-Full lengths rounded to single precision are keys within the same bounds, so whichever way a link
-was found, what is decided here is what its full length decides.
+Full lengths rounded to single precision are keys within the same bounds (all beyond its range have
+LARGEST_KEY, of which no bound says anything; links that are not made have NEVER), so whichever way
+a link was found, what is decided here is what its full length decides.
 
 Measured: docs/engine.md.
 """
@@ -29,6 +30,7 @@ from icpshap.icp.network import ABSOLUTE, PLACE, RELATIVE
 TOGETHER = 16  # links
 NEVER = np.int32(0x7F800000)  # a key above all that are found
 LARGEST = float(np.finfo(np.float32).max)  # the largest key [m^2]
+LARGEST_KEY = np.finfo(np.float32).max.view(np.int32)  # of all links that are at least as long
 
 
 @jit
@@ -44,9 +46,9 @@ def known(bound, largest, rounded):
     rounding = ABSOLUTE / 4 * largest
     length = math.sqrt(max(bound, 0.0))
     rounded[0] = max(length - rounding, 0.0) ** 2 * (1.0 - RELATIVE)
-    below = key[0]
+    below = min(key[0], LARGEST_KEY)
     rounded[0] = (length + rounding) ** 2 * (1.0 + RELATIVE)
-    return below, np.int32(min(key[0], NEVER - PLACE) + PLACE)
+    return np.int32(below), np.int32(min(key[0], NEVER - PLACE) + PLACE)
 
 
 @intrinsic

@@ -25,7 +25,6 @@ from icpshap.icp.minimisers import FEATURES, METRICS
 
 LANES = 8
 PRODUCTS = FEATURES * (FEATURES + 1) // 2  # entries of the upper triangle
-AHEAD = 8  # queries before a reference point's row is read, it is asked for
 INTEGER, LONG, DOUBLE = ir.IntType(32), ir.IntType(64), ir.DoubleType()
 NUMBERS = ir.VectorType(DOUBLE, LANES)
 

@@ -94,7 +94,8 @@ def _write_links(matches, found, distance, links, first, rounded):
     """Links out of full distances; rounded: work array (1,) float32."""
     key = rounded.view(np.int32)
     for t in range(matches):
-        rounded[0] = min(distance[t], keys.LARGEST) if found[t] >= 0 else keys.LARGEST
+        made = found[t] >= 0 and distance[t] < np.inf
+        rounded[0] = min(distance[t], keys.LARGEST) if made else np.inf
         links[first + t] = _link(key[0], found[t])
 
 

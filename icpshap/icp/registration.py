@@ -32,7 +32,8 @@ from icpshap.icp.order import spatial
 from icpshap.icp.reference import checked_points
 
 STATUS = ("ok", "max_iterations", "too_few_links", "degenerate")
-BATCH_BYTES = 400_000_000  # of the positions and bands of the runs of a batch
+BATCH_BYTES = 400_000_000  # of the positions, bands and past of the runs of a batch
+RUN_BYTES = 1_100  # of the poses and sums of a run
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ def _checked_runs(rows, T_initial, source_points):
 
 def _batches(lengths, source_points, matches):
     """Slices of runs, of that many points each, that fit into memory and cache together."""
-    memory = 4 * lengths + BAND_LINK.itemsize * band_room(matches * lengths)
+    memory = RUN_BYTES + 4 * lengths + BAND_LINK.itemsize * band_room(matches * lengths)
     share = np.maximum(memory / BATCH_BYTES, lengths * BLOCK / (source_points * QUERIES))
     first, size = 0, 0.0
     for run, needed in enumerate(share):
