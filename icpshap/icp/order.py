@@ -1,9 +1,9 @@
 """Spatial order: points that follow one another are near one another.
 
 Idea: cut the box of most of a cloud into 2^20 parts along each axis; the bits of the three numbers
-of a point's part, taken in turns, are its place on a curve that fills the box (Morton, 1966). Points
-outside count to its border: a single far one does not put all others into one part. So where a
-point comes does not depend on which others are used: points that no run uses cost nothing.
+of a point's part, taken in turns, are its place on a curve that fills the box (Morton, 1966). Where
+a point comes does not depend on which others are used, so points that no run uses cost nothing.
+Points outside count to the box's border: a far one does not put all others into one part.
 
 Exactness: points of one part stay in the order of their rows.
 """
