@@ -134,8 +134,11 @@ def load(config):
         config = {**config, "estimators": {**blocks, **config["estimators"]}}
     kinds = _kinds(config)
     rules = schema.with_kinds({name: kind for name, kind in kinds.items() if kind in list(KINDS)})
-    config = _coerce(config, rules)
-    non_finite = dict(_non_finite(config))
+    # Of an unknown key its name is enough: what it holds may be anything, and large.
+    known = {key: value for key, value in config.items() if key in rules["properties"]}
+    known = _coerce(known, rules)
+    non_finite = dict(_non_finite(known))
+    config = {**config, **known}
     violations = [
         violation
         for violation in _leaves(Draft202012Validator(rules).iter_errors(config))
