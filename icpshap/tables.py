@@ -68,6 +68,7 @@ _REMARKS = [
 ]
 _REPLICATE = Column("replicate", "int32", "", "independent repetition")
 _AGAIN = Column("again", "bool", "", "the second clean sample, with draws of its own")
+_RUNS = Column("n_runs", "int32", "", "registrations that were run")
 _NOISE_DRAW = Column("noise_draw", "int32", "", "index of the noise draw")
 _POSE = [
     *_columns(XI, "float64", _XI_UNITS, "pose error log(inv(T_gt) T_icp)"),
@@ -408,17 +409,19 @@ def _descriptors(causes):
     ]
 
 
+def _setting(causes):
+    """Which setting of which pair a row is about."""
+    return [*_PAIR, _REPLICATE, *_values(causes), _AGAIN]
+
+
 def _uncertainty(causes):
     return [
-        *_PAIR,
-        _REPLICATE,
-        *_values(causes),
-        _AGAIN,
+        *_setting(causes),
         *_estimate("f", "uncertainty: the divergence from the clean setting"),
         Column("f_draw_variance_ratio", "float64", "", "as that of phi in the shap table"),
         Column("kl", "float64", "nats", "KL(clean, perturbed), without bias correction"),
         *_NULL,
-        Column("n_runs", "int32", "", "registrations that were run"),
+        _RUNS,
         Column("n_failed", "int32", "", "runs whose status is neither ok nor max_iterations"),
         Column("n_wrong_basin", "int32", "", "runs in a wrong basin"),
         Column("n_far", "int32", "", f"{_FAR}, in the draw with most"),
@@ -455,11 +458,8 @@ def _uncertainty(causes):
 
 def _covariances(causes):
     return [
-        *_PAIR,
-        _REPLICATE,
-        *_values(causes),
-        _AGAIN,
-        Column("n_runs", "int32", "", "registrations that were run"),
+        *_setting(causes),
+        _RUNS,
         Column("n_used", "int32", "", "runs that it is the covariance of, those of f"),
         *_columns(TRANSFORM, "float64", "", "entry of the true T_reference_source, in m"),
         *_columns(
