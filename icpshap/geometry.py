@@ -18,9 +18,28 @@ def normals(points, neighbours):
     The direction in which the nearest `neighbours` of a point, itself included, vary least.
     """
     _, nearest = KDTree(points).query(points, k=neighbours)
-    around = points[nearest] - points[nearest].mean(axis=1, keepdims=True)
-    _, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))
+    _, vectors = np.linalg.eigh(scatter(points[nearest]))
     return vectors[:, :, 0]
+
+
+def scatter(clouds):
+    """Scatter matrices (m, 3, 3) of clouds (m, k, 3) about their means."""
+    centred = clouds - clouds.mean(axis=1, keepdims=True)
+    return np.einsum("mki,mkj->mij", centred, centred)
+
+
+def information_rows(points, across, centre, length):
+    """What links at points (n, 3) [m] say of the pose: a = [(p - centre) x n / length; n] (n, 6).
+
+    across (n, 3): unit normals n; length [m] makes turns comparable with shifts.
+    """
+    return np.hstack([np.cross(points - centre, across) / length, across])
+
+
+def information_matrix(rows):
+    """A, the sum of a a^T (6, 6) over rows (n, 6) of `information_rows`."""
+    # einsum: its sum is the same on any number of threads, which that of a matrix product is not.
+    return np.einsum("ni,nj->ij", rows, rows)
 
 
 def nearest_to_cell_centres(points, side):

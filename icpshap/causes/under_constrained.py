@@ -9,7 +9,12 @@ import numpy as np
 from icpshap import se3
 from icpshap.causes.cause import Cause
 from icpshap.errors import PerturbationError
-from icpshap.geometry import normals, root_mean_square_distance
+from icpshap.geometry import (
+    information_matrix,
+    information_rows,
+    normals,
+    root_mean_square_distance,
+)
 from icpshap.options import Range
 
 NEIGHBOURS = 10  # of a normal, the point itself included
@@ -77,12 +82,10 @@ def _removal(pair):
 
     def rows_of(points, raw, rotation):
         across = normals(raw, NEIGHBOURS) @ rotation.T
-        return np.hstack([np.cross(points - centre, across) / length, across])
+        return information_rows(points, across, centre, length)
 
     of_source = rows_of(source, pair.source, T[:3, :3])
-    inside = of_source[informing]
-    # einsum: its sum is the same on any number of threads, which that of a matrix product is not.
-    _, vectors = np.linalg.eigh(np.einsum("ni,nj->ij", inside, inside))
+    _, vectors = np.linalg.eigh(information_matrix(of_source[informing]))
     weakest = vectors[:, 0]
     of_reference = rows_of(pair.reference, pair.reference, np.eye(3))
     in_range = np.linalg.norm(pair.reference, axis=1) > pair.minimum_range

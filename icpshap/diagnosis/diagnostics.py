@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 
 from icpshap import se3
 from icpshap.diagnosis.planes import planes
-from icpshap.geometry import root_mean_square_distance
+from icpshap.geometry import information_matrix, information_rows, root_mean_square_distance
 
 SAMPLE = 1200  # points of a scan at most, every k-th, at which planes are measured
 FEWEST = 6  # planes that hold a pose
@@ -70,11 +70,9 @@ def diagnostics(reference, source, T_reference_source, minimum_range, overlap_di
             np.nan, overlap, float(len(in_range)), np.nan, np.full(6, np.nan), np.nan
         )
     length = root_mean_square_distance(moved[informing])
-    arms = (moved[rows] - moved[informing].mean(axis=0))[known]
     across = of_source.normals[known] @ T_reference_source[:3, :3].T
-    a = np.hstack([np.cross(arms, across) / length, across])
-    # einsum: its sum is the same on any number of threads, which that of a matrix product is not.
-    information, directions = np.linalg.eigh(np.einsum("ni,nj->ij", a, a))
+    a = information_rows(moved[rows][known], across, moved[informing].mean(axis=0), length)
+    information, directions = np.linalg.eigh(information_matrix(a))
     weakest = directions[:, 0]
     return Diagnostics(
         float(np.nanmedian(np.concatenate([of_source.residuals, of_reference.residuals]))),

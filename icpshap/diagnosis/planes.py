@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
+from icpshap.geometry import scatter
+
 NEIGHBOURS = (10, 20, 40, 80)  # that are tried, the point itself included
 LINE = 0.1  # second extent of the bearings of neighbours against their first: below, one ring
 WIDTH = 3.0  # second extent of neighbours against their third: below, they are no wider than thick
@@ -36,8 +38,8 @@ def planes(points, rows):
         if number > len(points) or len(places) == 0:
             break
         _, nearest = tree.query(points[rows[places]], number)
-        squares, axes = np.linalg.eigh(_scatter(points[nearest]))
-        on_bearings = np.linalg.eigvalsh(_scatter(bearings[nearest]))
+        squares, axes = np.linalg.eigh(scatter(points[nearest]))
+        on_bearings = np.linalg.eigvalsh(scatter(bearings[nearest]))
         spread = on_bearings[:, 1] > LINE**2 * on_bearings[:, 2]
         flat = squares[:, 1] > WIDTH**2 * squares[:, 0]
         found = spread if number == NEIGHBOURS[-1] else spread & flat
@@ -46,9 +48,3 @@ def planes(points, rows):
         residuals[places[found]] = np.sqrt(mean)
         places = places[~found]
     return Planes(normals, residuals)
-
-
-def _scatter(clouds):
-    """Scatter matrices (m, 3, 3) of clouds (m, k, 3) about their means."""
-    centred = clouds - clouds.mean(axis=1, keepdims=True)
-    return np.einsum("mki,mkj->mij", centred, centred)

@@ -6,7 +6,7 @@ from scipy.spatial import KDTree
 from icpshap import se3
 from icpshap.errors import PerturbationError
 from icpshap.estimators import perturb
-from icpshap.geometry import nearest_distances, nearest_to_cell_centres
+from icpshap.geometry import nearest_distances, nearest_to_cell_centres, scatter
 from icpshap.plan import Setting
 
 NEIGHBOURHOODS = 4000  # of the reference at most, every k-th
@@ -125,8 +125,7 @@ def without_rings(points, neighbourhood, ring_share):
 
 def _are_lines(clouds):
     """Which of clouds (m, k, 3) spread along one axis alone."""
-    centred = clouds - clouds.mean(axis=1, keepdims=True)
-    variances = np.linalg.eigvalsh(np.einsum("mki,mkj->mij", centred, centred))
+    variances = np.linalg.eigvalsh(scatter(clouds))
     return variances[:, 1] < COLLINEAR**2 * variances[:, 2]
 
 
