@@ -193,7 +193,7 @@ def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, w
             if last > first and expected > work.where.shape[0]:
                 break
             last += 1
-        count = 0
+        count = np.int64(0)  # no literal, for which numba would compile `match` once more
         for run in active:
             r00, r01, r02, tx = T[run, 0, 0], T[run, 0, 1], T[run, 0, 2], T[run, 0, 3]
             r10, r11, r12, ty = T[run, 1, 0], T[run, 1, 1], T[run, 1, 2], T[run, 1, 3]

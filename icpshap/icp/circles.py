@@ -53,5 +53,8 @@ def _whole_rounds(active, T, turn, left, past, closed):
             closed[run, length] = closed[run, length] + 1 if same else 0
             if closed[run, length] >= length and skipped[number] == 0:
                 skipped[number] = left[number] // length * length
-        past[run, turn % LONGEST] = T[run, :3]
+        for i in range(3):
+            # One by one: an array written into another compiles ten times as long.
+            for j in range(4):
+                past[run, turn % LONGEST, i, j] = T[run, i, j]
     return skipped

@@ -103,20 +103,26 @@ def build(points):
             if not has_extent(box, node):
                 if node == 1 or has_extent(box, node >> 1):
                     part = index[start[node] : stop[node]]
-                    part[:] = part[np.argsort(part, kind="mergesort")]
+                    in_order = part[np.argsort(part, kind="mergesort")]
+                    # One by one: an array written into another compiles ten times as long.
+                    for k in range(len(in_order)):
+                        part[k] = in_order[k]
             else:
                 axis = np.argmax(box[node, 3:] - box[node, :3])
                 _split_at(points, index, axis, start[node], stop[node], middle)
             start[2 * node], stop[2 * node] = start[node], middle
             start[2 * node + 1], stop[2 * node + 1] = middle, stop[node]
     leaf_start = np.empty(leaves + 1, np.int32)
-    leaf_start[:leaves] = start[leaves:]
+    for leaf in range(leaves):
+        leaf_start[leaf] = start[leaves + leaf]
     leaf_start[leaves] = n
     for node in range(2 * leaves - 1, 0, -1):
         if node < leaves:
             lowest[node] = min(lowest[2 * node], lowest[2 * node + 1])
         else:
-            lowest[node] = index[start[node] : stop[node]].min()
+            lowest[node] = index[start[node]]
+            for k in range(start[node] + 1, stop[node]):
+                lowest[node] = min(lowest[node], index[k])
     ordered = np.zeros((n, 4))
     for k in range(n):
         for axis in range(3):
