@@ -62,4 +62,4 @@ def announce_compilation(kernel):
     """Log once that `kernel` is about to be compiled, unless the cache holds it already."""
     pattern = f"*.{kernel.py_func.__name__}-*.nbi"
     if not any(Path(kernel.stats.cache_path).glob(pattern)):
-        log.info("Compiling the ICP engine, once on this machine (about 15 seconds).")
+        log.info("Compiling the ICP engine, once on this machine (up to a minute).")
