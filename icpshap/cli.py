@@ -1,4 +1,4 @@
-"""The command icpshap: explain or diagnose one pair, say whether options fit, export covariances.
+"""The command icpshap: explain or diagnose one pair, say whether options fit, export, bundle.
 
 Exit status: 0 done, 1 data or options that cannot be used, 2 a wrong command line, 130 stopped.
 """
@@ -44,6 +44,11 @@ examples:
   icpshap export covariances.parquet --to gtsam --clean > drive.g2o  without any perturbation
   icpshap export covariances.parquet --to markdown                   a noise model to paste
   icpshap export pair.zip --to ros                                   what explain --save wrote
+"""
+BUNDLE_EXAMPLES = """\
+examples:
+  icpshap bundle a.ply b.ply --transform T.txt --output bundle.zip
+  icpshap bundle a.ply b.ply --option normal_neighbours=30 --sensor-noise 0.05 --output bundle.zip
 """
 
 
@@ -197,6 +202,31 @@ def _export(given: argparse.Namespace) -> None:
         path = place.with_name(f"{place.stem}{mark}{place.suffix}")
         with writable(path):
             path.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _bundle(given: argparse.Namespace) -> None:
+    from icpshap.one_pair import bundle
+    from icpshap.one_pair.given import transform
+
+    _require_place("--output", given.output, [given.reference, given.source])
+    transforms = {
+        option: transform(_transform(words), option)
+        for option, words in (
+            ("transform", given.transform),
+            ("initial-transform", given.initial_transform),
+        )
+        if words is not None
+    }
+    words = ["--estimator", given.estimator]
+    for text in given.option:
+        words += ["--option", text]
+    if given.register:
+        words += ["--register", given.register]
+    for name, level in _levels(given).items():
+        words += [f"--{name.replace('_', '-')}", repr(level)]
+    reference, source = _scans(given)
+    bundle.write(given.output, reference, source, transforms, words)
+    print(f"{given.output}: points of both scans, pose, options and versions; nothing else.")
 
 
 # --- what was typed -------------------------------------------------------------------------------
@@ -434,6 +464,15 @@ def _parser() -> argparse.ArgumentParser:
     diagnose.add_argument("--json", action="store_true", help="print JSON instead of a screen")
     _add_experiment(explain)
     _add_experiment(fit)
+    bundle = _command(
+        commands,
+        "bundle",
+        "write two scans to a file to attach to an issue",
+        BUNDLE_EXAMPLES,
+        _bundle,
+    )
+    bundle.add_argument("--output", metavar="FILE", required=True, help="a ZIP file")
+    _add_experiment(bundle)
     _export_command(commands)
     return parser
 

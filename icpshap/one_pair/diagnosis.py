@@ -103,12 +103,18 @@ def diagnose(
     """What is wrong with two scans, beside healthy ones: a `Diagnosis`.
 
     Args:
-        reference, source, T, T_initial, seed, name, indices: as of `explain`.
+        reference: points (n, 3) [m], as of `explain`.
+        source: points (m, 3) [m], as of `explain`.
+        T: the true T_reference_source, as of `explain`.
         healthy: pairs of the same scanner in the same kind of place, each (reference, source) or
             (reference, source, T), such as the drive's other pairs; some may be unusual. From one
             on they say what is usual; eight say how much that varies.
         sensor: name of a scanner whose published noise is taken where there are no healthy pairs.
         estimator: its minimum range counts, and that of its registration where T is not given.
+        T_initial: where the registration starts if T is not given, as of `explain`.
+        seed: of all random numbers.
+        name: the sequence that random numbers are drawn for.
+        indices: its two scans.
 
     Raises:
         UserError: an argument cannot be used, or says what is wrong with the scans.

@@ -80,8 +80,9 @@ def explain(
         source_times: when each source point was measured (m,), for the cause motion_distortion,
             which must be one of `causes`.
         seed: of all random numbers; same seed, scans and options, same bytes.
-        name, indices: the sequence and the scans that random numbers are drawn for: those of a
-            workflow's pair give its numbers, to the byte.
+        name: the sequence that random numbers are drawn for.
+        indices: its two scans; with the name of a workflow's sequence they give its numbers, to the
+            byte.
         threads: how many at once, which changes no byte; None: all cores.
         progress: True prints a line to standard error, or a file to print to.
 
