@@ -143,10 +143,8 @@ class Counts:
 
     def count_removal(self, reading, named, drops, groups):
         """Whether the removal of the cause named (its place) is the best on fresh draws."""
-        if drops.clear:
-            self.clear[reading].count(named == drops.first, *groups)
-        else:
-            self.unclear[reading].count(drops.as_good(named), *groups)
+        right = named == drops.first if drops.clear else drops.as_good(named)
+        (self.clear if drops.clear else self.unclear)[reading].count(right, *groups)
         for group in groups:
             self.regret[reading][group].append(drops.regret(named))
 
@@ -159,7 +157,7 @@ class Counts:
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--every", type=int, default=1, help="only every so many cases")
+    parser.add_argument("--every", type=int, default=1, help="only every so many cases (odd)")
     counts = Counts()
     for case in list(cases())[:: parser.parse_args().every]:
         try:
@@ -320,15 +318,12 @@ def _count_removal(case, found, game, sample, counts):
     for reading, (by, of) in READINGS.items():
         first, drops = int(np.argmax(named[by])), measured[of]
         counts.count_removal(reading, first, drops, _groups(case))
-        if first != drops.first and drops.clear:
-            said, seen = (
-                _in_words(dict(zip(causes, values, strict=True)))
-                for values in (named[by], drops.value)
-            )
-            print(
-                f"not the best, {reading}, {case.name}: {causes[first]}; said {said}; fresh {seen}",
-                flush=True,
-            )
+        said, seen = (
+            _in_words(dict(zip(causes, values, strict=True))) for values in (named[by], drops.value)
+        )
+        right = "best" if first == drops.first else "as good" if drops.as_good(first) else "WRONG"
+        clear = "" if drops.clear else ", none is clearly the best"
+        print(f"{reading}, {case.name}: {right}{clear}; said {said}; fresh {seen}", flush=True)
 
 
 def _count_advice(case, found, fresh, before, counts):
