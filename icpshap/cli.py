@@ -8,6 +8,7 @@ import os
 import shutil
 import sys
 from collections.abc import Sequence
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,9 @@ examples:
 DIAGNOSE_EXAMPLES = """\
 examples:
   icpshap diagnose a.ply b.ply --healthy c.ply d.ply --healthy d.ply e.ply
+  icpshap diagnose a.ply b.ply --transform T.txt --healthy c.ply d.ply T_cd.txt
   icpshap diagnose a.ply b.ply --transform T.txt --sensor velodyne_vlp_16
+  icpshap diagnose a.ply b.ply --transform T.txt --clean-runs    how often ICP ends elsewhere
   icpshap diagnose a.ply b.ply --json > diagnosis.json
 """
 FIT_EXAMPLES = """\
@@ -100,7 +103,8 @@ def _explain(given: argparse.Namespace) -> None:
     from icpshap.one_pair.explanation import writable
     from icpshap.one_pair.recipe import explain
 
-    _compiling(given)
+    if not given.quiet:
+        _compiling()
     _require_places(given)
     reference, source = _scans(given)
     explanation = explain(
@@ -138,16 +142,16 @@ def _explain(given: argparse.Namespace) -> None:
 
 def _diagnose(given: argparse.Namespace) -> None:
     from icpshap.one_pair.diagnosis import diagnose
-    from icpshap.one_pair.given import read_scan
 
-    columns = given.columns.split(",") if given.columns else None
+    _compiling()
     reference, source = _scans(given)
     found = diagnose(
         reference,
         source,
         _transform(given.transform),
-        healthy=[[read_scan(path, columns) for path in pair] for pair in given.healthy],
+        healthy=[_healthy(words, given) for words in given.healthy],
         sensor=given.sensor,
+        clean_runs=given.clean_runs,
         estimator=_estimator(given),
         T_initial=_transform(given.initial_transform),
         seed=given.seed,
@@ -164,6 +168,7 @@ def _fit(given: argparse.Namespace) -> None:
     from icpshap.fit import checks
     from icpshap.one_pair.recipe import fit_table
 
+    _compiling()
     reference, source = _scans(given)
     found = fit_table(
         reference,
@@ -233,10 +238,24 @@ def _bundle(given: argparse.Namespace) -> None:
 
 
 def _scans(given):
+    return _read((given.reference, given.source), given)
+
+
+def _read(paths, given):
     from icpshap.one_pair.given import read_scan
 
     columns = given.columns.split(",") if given.columns else None
-    return [read_scan(path, columns) for path in (given.reference, given.source)]
+    return [read_scan(path, columns) for path in paths]
+
+
+def _healthy(words, given):
+    """Reference, source and, where it is named, T of what `--healthy` names."""
+    if len(words) not in (2, 3):
+        raise UserError(
+            f"--healthy {' '.join(words)}: expected two scans, or two scans and their transform.\n"
+            "Hint: the two scans that are diagnosed stand before the first --healthy."
+        )
+    return [*_read(words[:2], given), *map(_transform, words[2:])]
 
 
 def _transform(words: str | None) -> Any:
@@ -372,28 +391,32 @@ def _colours():
     return known and _is_terminal(sys.stdout)
 
 
-def _compiling(given):
+def _compiling():
     """Say that the engine is compiled, which takes a while, where it is."""
     import logging
 
-    if not given.quiet:
-        logging.basicConfig(format="%(message)s", level=logging.WARNING, stream=sys.stderr)
-        logging.getLogger("icpshap.icp.compiled").setLevel(logging.INFO)
+    logging.basicConfig(format="%(message)s", level=logging.WARNING, stream=sys.stderr)
+    logging.getLogger("icpshap.icp.compiled").setLevel(logging.INFO)
 
 
 def _joined(arguments):
-    """Numbers behind a transform as one word: argparse takes some that are negative for options."""
+    """Numbers of a transform as one word: argparse takes some that are negative for options."""
     result: list[str] = []
     place = 0
     while place < len(arguments):
-        result.append(arguments[place])
+        word = arguments[place]
+        result.append(word)
         place += 1
-        if result[-1] in ("--transform", "--initial-transform"):
-            first = place
-            while place < len(arguments) and _numbers([arguments[place]]) is not None:
-                place += 1
-            if place > first:
-                result[-1] += "=" + " ".join(arguments[first:place])
+        if word == "--healthy":  # two scans, and a transform that needs no option
+            result += arguments[place : place + 2]
+            place += 2
+        if word in ("--transform", "--initial-transform", "--healthy"):
+            numbers = list(takewhile(lambda word: _numbers([word]) is not None, arguments[place:]))
+            place += len(numbers)
+            if numbers and word == "--healthy":
+                result.append(" ".join(numbers))
+            elif numbers:
+                result[-1] += "=" + " ".join(numbers)
     return result
 
 
@@ -447,18 +470,23 @@ def _parser() -> argparse.ArgumentParser:
     )
     diagnose.add_argument(
         "--healthy",
-        nargs=2,
+        nargs="+",
         action="append",
         default=[],
-        metavar=("A", "B"),
-        help="a pair of the same scanner in the same kind of place, which says what is usual; may "
-        "be repeated",
+        metavar=("A B", "T"),
+        help="a pair of the same scanner in the same kind of place, which says what is usual, and "
+        "its pose as of --transform; may be repeated",
     )
     diagnose.add_argument(
         "--sensor",
         metavar="NAME",
         help="where there is no such pair: the scanner whose published noise is taken, such as "
         "velodyne_vlp_16",
+    )
+    diagnose.add_argument(
+        "--clean-runs",
+        action="store_true",
+        help="also run ICP without any perturbation, and say how often it ends in a wrong basin",
     )
     _seed(diagnose, SEED)
     diagnose.add_argument("--json", action="store_true", help="print JSON instead of a screen")

@@ -6,18 +6,24 @@ from scipy.spatial import KDTree
 from icpshap import se3
 
 
+def search_tree(points):
+    """A search tree of points (n, 3): cells cut in the middle are sooner made than at the median,
+    and sooner searched."""
+    return KDTree(points, balanced_tree=False)
+
+
 def nearest_distances(reference, source, T_reference_source):
     """Distance [m] of each source point (m, 3) to the nearest reference point at the given pose."""
-    distances, _ = KDTree(reference).query(se3.transform(T_reference_source, source))
+    distances, _ = search_tree(reference).query(se3.transform(T_reference_source, source))
     return distances
 
 
-def normals(points, neighbours):
-    """Unit normals (n, 3) of points (n, 3), of either sign.
+def normals(points, neighbours, rows=slice(None)):
+    """Unit normals (k, 3), of either sign, at some rows of points (n, 3), by default at all.
 
     The direction in which the nearest `neighbours` of a point, itself included, vary least.
     """
-    _, nearest = KDTree(points).query(points, k=neighbours)
+    _, nearest = KDTree(points).query(points[rows], k=neighbours)
     _, vectors = np.linalg.eigh(scatter(points[nearest]))
     return vectors[:, :, 0]
 

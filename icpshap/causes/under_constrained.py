@@ -74,29 +74,29 @@ def _removal(pair):
 
     The information (k + 1,) on the weakest direction that has gone before each row, and in the end.
     """
-    informing = pair.overlap_in_range
+    informing = np.flatnonzero(pair.overlap_in_range)
     T = pair.T_reference_source
     source = se3.transform(T, pair.source)
     centre = source[informing].mean(axis=0)
     length = root_mean_square_distance(source[informing])
 
-    def rows_of(points, raw, rotation):
-        across = normals(raw, NEIGHBOURS) @ rotation.T
-        return information_rows(points, across, centre, length)
+    def information(points, raw, rotation, rows):
+        across = normals(raw, NEIGHBOURS, rows) @ rotation.T
+        return information_rows(points[rows], across, centre, length)
 
-    of_source = rows_of(source, pair.source, T[:3, :3])
-    _, vectors = np.linalg.eigh(information_matrix(of_source[informing]))
+    of_source = information(source, pair.source, T[:3, :3], informing)
+    _, vectors = np.linalg.eigh(information_matrix(of_source))
     weakest = vectors[:, 0]
-    of_reference = rows_of(pair.reference, pair.reference, np.eye(3))
-    in_range = np.linalg.norm(pair.reference, axis=1) > pair.minimum_range
+    ranges = np.linalg.norm(pair.reference, axis=1)
+    in_range = np.flatnonzero(ranges > pair.minimum_range)
+    of_reference = information(pair.reference, pair.reference, np.eye(3), in_range)
     return {
-        "source": _in_order(of_source, weakest, informing),
-        "reference": _in_order(of_reference, weakest, in_range),
+        "source": _in_order(informing, of_source, weakest),
+        "reference": _in_order(in_range, of_reference, weakest),
     }
 
 
-def _in_order(information, direction, candidates):
-    rows = np.flatnonzero(candidates)
-    along = np.einsum("ni,i->n", information[rows], direction) ** 2
+def _in_order(rows, information, direction):
+    along = np.einsum("ni,i->n", information, direction) ** 2
     order = np.argsort(-along, kind="stable")
     return rows[order], np.concatenate([[0.0], np.cumsum(along[order])])

@@ -10,7 +10,7 @@ import numpy as np
 
 from icpshap.causes import CAUSES
 from icpshap.causes.cause import SCANS
-from icpshap.diagnosis.diagnostics import NUMBERS, WORSE, diagnostics
+from icpshap.diagnosis.diagnostics import NUMBERS, WORSE, Reference, diagnostics
 
 # Levels where those that are worth trying are too few. Of the overlap they are shares of what
 # there is.
@@ -74,8 +74,9 @@ def curve(name, pair, healthy, streams):
     scale = pair.overlap if name == "partial_overlap" else 1.0
     levels = scale * np.array([0.0, *LEVELS.get(name, cause.levels)])
     changes = np.zeros((len(levels), len(NUMBERS)))
+    untouched = None if "reference" in cause.scans else reference_of(pair)
     for place, level in enumerate(levels[1:], 1):
-        changed = of_pair(perturbed(cause, pair, level, streams))
+        changed = of_pair(perturbed(cause, pair, level, streams), untouched)
         changes[place] = changed.logarithms - healthy.logarithms
     return Curve(levels, changes, np.zeros_like(changes), NUMBERS.index(cause.shown_by))
 
@@ -97,12 +98,17 @@ def perturbed(cause, pair, level, streams):
     return replace(pair, **points, overlapping=None, source_times=None)
 
 
-def of_pair(pair):
-    """The `Diagnostics` of a data.pair.Pair."""
+def of_pair(pair, reference=None):
+    """The `Diagnostics` of a data.pair.Pair; reference: its `Reference`, where it is known."""
     return diagnostics(
-        pair.reference,
+        reference_of(pair) if reference is None else reference,
         pair.source,
         pair.T_reference_source,
         pair.minimum_range,
         pair.overlap_distance,
     )
+
+
+def reference_of(pair):
+    """The `Reference` of a data.pair.Pair."""
+    return Reference.of(pair.reference, pair.minimum_range)

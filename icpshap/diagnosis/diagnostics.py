@@ -7,11 +7,15 @@ distance.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from icpshap import se3
 from icpshap.diagnosis.planes import planes
-from icpshap.geometry import information_matrix, information_rows, root_mean_square_distance
+from icpshap.geometry import (
+    information_matrix,
+    information_rows,
+    root_mean_square_distance,
+    search_tree,
+)
 
 SAMPLE = 1200  # points of a scan at most, every k-th, at which planes are measured
 FEWEST = 6  # planes that hold a pose
@@ -50,24 +54,41 @@ class Diagnostics(NamedTuple):
         return np.log([getattr(known, name) for name in NUMBERS])
 
 
+class Reference(NamedTuple):
+    """What of a pair its reference shows alone, which serves any source.
+
+    tree: the search tree of its points; number: of those beyond the minimum range; residuals (k,)
+    [m]: of planes, NaN where there is none.
+    """
+
+    tree: object
+    number: int
+    residuals: np.ndarray
+
+    @classmethod
+    def of(cls, points, minimum_range):
+        """That of a scan (n, 3) [m] in its scanner's frame."""
+        tree = search_tree(points)
+        in_range = np.flatnonzero(np.linalg.norm(points, axis=1) > minimum_range)
+        return cls(tree, len(in_range), planes(points, _every(in_range), tree).residuals)
+
+
 def diagnostics(reference, source, T_reference_source, minimum_range, overlap_distance):
-    """The `Diagnostics` of two scans (n, 3) and (m, 3) [m], each in its scanner's frame.
+    """The `Diagnostics` of a `Reference` and a source (m, 3) [m] in its scanner's frame.
 
     What cannot be measured, where they hardly overlap or show no planes, is NaN.
     """
     moved = se3.transform(T_reference_source, source)
-    distances, _ = KDTree(reference).query(moved, distance_upper_bound=overlap_distance)
+    distances, _ = reference.tree.query(moved, distance_upper_bound=overlap_distance)
     overlapping = distances <= overlap_distance
     informing = np.flatnonzero(overlapping & (np.linalg.norm(source, axis=1) > minimum_range))
     rows = _every(informing)
     of_source = planes(source, rows)
-    in_range = np.flatnonzero(np.linalg.norm(reference, axis=1) > minimum_range)
-    of_reference = planes(reference, _every(in_range))
     known = np.isfinite(of_source.residuals)
-    overlap = float(overlapping.sum() / len(reference))
+    overlap = float(overlapping.sum() / reference.tree.n)
     if np.count_nonzero(known) < FEWEST:
         return Diagnostics(
-            np.nan, overlap, float(len(in_range)), np.nan, np.full(6, np.nan), np.nan
+            np.nan, overlap, float(reference.number), np.nan, np.full(6, np.nan), np.nan
         )
     length = root_mean_square_distance(moved[informing])
     across = of_source.normals[known] @ T_reference_source[:3, :3].T
@@ -75,9 +96,9 @@ def diagnostics(reference, source, T_reference_source, minimum_range, overlap_di
     information, directions = np.linalg.eigh(information_matrix(a))
     weakest = directions[:, 0]
     return Diagnostics(
-        float(np.nanmedian(np.concatenate([of_source.residuals, of_reference.residuals]))),
+        float(np.nanmedian(np.concatenate([of_source.residuals, reference.residuals]))),
         overlap,
-        float(len(in_range)),
+        float(reference.number),
         float(information[0] / information.sum()),
         # Of either sign: that with the largest component positive.
         weakest * np.sign(weakest[np.abs(weakest).argmax()]),

@@ -9,9 +9,8 @@ its least extent says nothing of the plane.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
 
-from icpshap.geometry import scatter
+from icpshap.geometry import scatter, search_tree
 
 NEIGHBOURS = (10, 20, 40, 80)  # that are tried, the point itself included
 LINE = 0.1  # second extent of the bearings of neighbours against their first: below, one ring
@@ -28,9 +27,12 @@ class Planes(NamedTuple):
     residuals: np.ndarray
 
 
-def planes(points, rows):
-    """The `Planes` at some rows of points (n, 3) [m], which are in their scanner's frame."""
-    tree = KDTree(points)
+def planes(points, rows, tree=None):
+    """The `Planes` at some rows of points (n, 3) [m], which are in their scanner's frame.
+
+    tree: the search tree of the points, where it is known.
+    """
+    tree = search_tree(points) if tree is None else tree
     bearings = points / np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
     normals, residuals = np.full((len(rows), 3), np.nan), np.full(len(rows), np.nan)
     places = np.arange(len(rows))
@@ -39,10 +41,11 @@ def planes(points, rows):
             break
         _, nearest = tree.query(points[rows[places]], number)
         squares, axes = np.linalg.eigh(scatter(points[nearest]))
-        on_bearings = np.linalg.eigvalsh(scatter(bearings[nearest]))
-        spread = on_bearings[:, 1] > LINE**2 * on_bearings[:, 2]
-        flat = squares[:, 1] > WIDTH**2 * squares[:, 0]
-        found = spread if number == NEIGHBOURS[-1] else spread & flat
+        found = np.ones(len(places), dtype=bool)
+        if number < NEIGHBOURS[-1]:
+            found = squares[:, 1] > WIDTH**2 * squares[:, 0]
+        on_bearings = np.linalg.eigvalsh(scatter(bearings[nearest[found]]))
+        found[found] = on_bearings[:, 1] > LINE**2 * on_bearings[:, 2]
         normals[places[found]] = axes[found, :, 0]
         mean = np.maximum(squares[found, 0], 0.0) / (number - 3)  # three numbers make a plane
         residuals[places[found]] = np.sqrt(mean)

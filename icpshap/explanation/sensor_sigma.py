@@ -15,7 +15,7 @@ SENSOR_NOISE = "sensor_noise"
 def with_sensor_sigma(sample, times):
     """The `Sample` with `times` the sensor's own noise; None if its spread does not hold that.
 
-    NaN where draws cannot be told from their runs.
+    All runs of a setting count as failed where its draws cannot be told from their runs.
     """
     returns = sample.returns
     if not returns.sensor_sigma:
@@ -31,7 +31,8 @@ def with_sensor_sigma(sample, times):
         _moved(xi, ~lost, sample.noise_draw, grows)
         for xi, lost, grows in zip(sample.xi, sample.lost, factor, strict=True)
     ]
-    return replace(sample, xi=np.array(moved))
+    unknown = np.isnan(moved).any(axis=-1)
+    return replace(sample, xi=np.array(moved), failed=sample.failed | unknown)
 
 
 def _moved(xi, good, noise_draw, factor):

@@ -5,21 +5,26 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from icpshap import estimators
+from icpshap.causes import CAUSES
 from icpshap.causes._sensors import ACCURACY, SENSORS
 from icpshap.diagnosis.diagnose import Known, diagnose_alone
 from icpshap.diagnosis.diagnose import diagnose as diagnose_against
 from icpshap.diagnosis.table import row
 from icpshap.errors import DataError, UserError
 from icpshap.estimators.perturb import Streams
+from icpshap.explanation.sample import samples
+from icpshap.explanation.shares import wrong_basin_shares
 from icpshap.one_pair.explanation import plain
 from icpshap.one_pair.given import SEED, given, named_pair, scan
 from icpshap.one_pair.recipe import pair_of
+from icpshap.plan import Setting
 from icpshap.report import diagnosis as told
 
 OWN_POSE = (
@@ -28,17 +33,40 @@ OWN_POSE = (
 )
 
 
+class CleanRuns(NamedTuple):
+    """Where runs of the pair end that nothing perturbs.
+
+    wrong_basin_share [-]: of those that failed or ended in a wrong basin, with the ends of its
+    interval; NaN where fewer than half of the runs lie together.
+    """
+
+    number: int
+    wrong_basin_share: float
+    low: float
+    high: float
+
+    @property
+    def sentence(self):
+        if np.isnan(self.wrong_basin_share):
+            return f"Fewer than half of {self.number} clean runs lie together."
+        return (
+            f"Of {self.number} clean runs {self.wrong_basin_share:.0%} [{self.low:.0%}, "
+            f"{self.high:.0%}] failed or ended in a wrong basin."
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """What is wrong with a pair; table: the row of the workflow's table `diagnosis`.
 
     truth: what is to be said of how the pose was found, "" of a given one; sheet: of the data sheet
-    that the pair is held against, "" of none.
+    that the pair is held against, "" of none; clean_runs: None where none were asked for.
     """
 
     table: pd.DataFrame
     truth: str
     sheet: str
+    clean_runs: CleanRuns | None = None
 
     @property
     def sentence(self) -> str:
@@ -71,14 +99,17 @@ class Diagnosis:
         numbers = (
             f"Plane residual {1000 * of_pair.plane_residual:.1f} mm, overlap {of_pair.overlap:.2f}."
         )
+        ends = self.clean_runs.sentence if self.clean_runs else ""
         doubts = [told.doubts(of_pair), self.sheet, told.unseen(), self.truth]
-        lines = [self.sentence, numbers, told.weakest(of_pair), *doubts]
+        lines = [self.sentence, numbers, told.weakest(of_pair), ends, *doubts]
         return "\n".join(textwrap.fill(line, width) for line in lines if line)
 
     def to_dict(self) -> dict[str, Any]:
         """All of it, as JSON can hold it; None for no value."""
         values = plain(self.table.iloc[0].to_dict())
-        return {"sentence": self.sentence, **values, "truth": self.truth, "sheet": self.sheet}
+        runs = plain(self.clean_runs._asdict()) if self.clean_runs else None
+        said = {"truth": self.truth, "sheet": self.sheet}
+        return {"sentence": self.sentence, **values, "clean_runs": runs, **said}
 
     def to_json(self) -> str:
         return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
@@ -94,6 +125,7 @@ def diagnose(
     *,
     healthy: Sequence[Sequence[Any]] = (),
     sensor: str | None = None,
+    clean_runs: bool = False,
     estimator: Any = "lidar",
     T_initial: Any = None,
     seed: int = SEED,
@@ -110,7 +142,10 @@ def diagnose(
             (reference, source, T), such as the drive's other pairs; some may be unusual. From one
             on they say what is usual; eight say how much that varies.
         sensor: name of a scanner whose published noise is taken where there are no healthy pairs.
-        estimator: its minimum range counts, and that of its registration where T is not given.
+        clean_runs: whether ICP is run as well, without any perturbation, to see how often it ends
+            in a wrong basin: the estimator's `runs`, of its seconds.
+        estimator: its minimum range counts, that of its registration where T is not given, and all
+            of it in clean runs.
         T_initial: where the registration starts if T is not given, as of `explain`.
         seed: of all random numbers.
         name: the sequence that random numbers are drawn for.
@@ -124,11 +159,17 @@ def diagnose(
             f"sensor: {sensor!r}, expected one of {', '.join(SENSORS)}.\n"
             "Hint: docs/causes.md has what is published of each."
         )
+    healthy = _listed(healthy)
     if sensor is not None and len(healthy):
         raise UserError(
             "sensor: given with healthy pairs, which say more.\nHint: leave one of them out."
         )
     asked = given(None, estimator, None, None, None, seed)
+    if clean_runs and not asked.preset.estimator.returned.samples:
+        raise UserError(
+            f"clean_runs: the kind {asked.preset.estimator.kind.name} returns no pose samples, and "
+            "so nothing that ends anywhere.\nHint: estimator: lidar, or no clean_runs."
+        )
     key, *scans = named_pair(name, indices)
     # Only the pair that is diagnosed may start elsewhere than the identity.
     named = [("", (reference, source, T), T_initial)]
@@ -164,7 +205,22 @@ def diagnose(
             of_row = row(found, streams[0], streams[1 + found.healthiest])
         else:
             of_row = row(diagnose_alone(one, sensor), streams[0], None)
-    return Diagnosis(pd.DataFrame([of_row]), truth, _of_sheet(sensor))
+        ends = None
+        if clean_runs:
+            ends = _clean_runs(one.load(), asked, streams[0])
+    return Diagnosis(pd.DataFrame([of_row]), truth, _of_sheet(sensor), ends)
+
+
+def _clean_runs(pair, asked, streams):
+    """The `CleanRuns` of a data.pair.Pair: those that `explain` has."""
+    estimator, off = asked.preset.estimator, {name: CAUSES[name].off for name in asked.levels}
+    estimator = estimator.of_causes(off)
+    runs, estimates = estimators.estimate(
+        pair, [Setting.at(off)], estimator, asked.perturbation.deviation, streams
+    )
+    given_ = (off, estimator.returned, asked.preset.method, pair.characteristic_length)
+    (sample,) = samples(runs, estimates, *given_)
+    return CleanRuns(sample.xi.shape[1], *map(float, wrong_basin_shares(sample)[:, 0]))
 
 
 def _of_sheet(name):
@@ -177,11 +233,22 @@ def _of_sheet(name):
     )
 
 
+def _listed(healthy):
+    """Healthy pairs as they are given. Raises UserError for what is no list of pairs."""
+    if not isinstance(healthy, Sequence) or isinstance(healthy, str):
+        raise UserError(
+            f"healthy: {type(healthy).__name__}, expected a list of pairs, each (reference, source)"
+            " or (reference, source, T).\nHint: a list of pairs, even of one; [] of none."
+        )
+    return healthy
+
+
 def _three(pair, place):
     """Reference, source and T of a healthy pair. Raises UserError."""
-    if isinstance(pair, str) or len(pair) not in (2, 3):
+    parts = len(pair) if isinstance(pair, Sequence) and not isinstance(pair, str) else None
+    if parts not in (2, 3):
         raise UserError(
-            f"healthy: entry {place} has {len(pair)} parts, expected (reference, source) or "
-            "(reference, source, T).\nHint: a list of pairs, even of one."
+            f"healthy: entry {place} {f'has {parts} parts' if parts else 'is no pair'}, expected "
+            "(reference, source) or (reference, source, T).\nHint: a list of pairs, even of one."
         )
     return (*pair, None)[:3]

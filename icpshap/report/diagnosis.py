@@ -1,6 +1,7 @@
 """What is wrong with pairs of scans, in words; tables are those of `diagnosis.table`."""
 
 import numpy as np
+import pandas as pd
 from tabulate import tabulate
 
 from icpshap import causes
@@ -10,6 +11,7 @@ from icpshap.report import words
 from icpshap.report.study import pairs_of
 from icpshap.tables import PAIR
 
+LOST = "clean runs in a wrong basin"
 ENOUGH = 8  # healthy pairs from which on they say how much what is usual varies
 
 
@@ -116,26 +118,43 @@ def _short(row):
     return words.listed([_found(name, row) for name in names])
 
 
-def html(table, shap, study):
+def html(table, shaps, study):
     """What was found of each pair, as an HTML table; cells: standard deviations from the others.
 
-    shap: the shap table of the same pairs, which knows where clean runs end.
+    shaps: shap tables of the same pairs, by the experiment's name: each knows where its clean runs
+    end.
     """
     names = causes.shown()
-    lost = pairs_of(shap).set_index(PAIR).clean_wrong_basin_share
+    lost = _lost(table, shaps)
     rows = [
         [
             study.pair(row),
             *(_standing(getattr(row, f"z_{name}")) for name in names),
             _short(row) if row.verdict in (FOUND, UNDECIDED) else row.verdict,
             "" if np.isnan(row.confidence) else probability(row.confidence),
-            _share(lost.get((row.sequence, row.reference, row.source), np.nan)),
+            *shares,
         ]
-        for row in table.itertuples()
+        for row, *shares in zip(table.itertuples(), *lost.values(), strict=True)
     ]
     deviations = [f"{title}, deviations" for title in words.titles(names)]
-    header = ["pair", *deviations, "verdict", "probability", "clean runs in a wrong basin"]
+    header = ["pair", *deviations, "verdict", "probability", *lost]
     return tabulate(rows, header, tablefmt="html", disable_numparse=True)
+
+
+def _lost(table, shaps):
+    """Columns by title: the share of clean runs in a wrong basin of each pair of a table.
+
+    One of all experiments of which it is the same.
+    """
+    columns = {}
+    for name, shap in shaps.items():
+        of_pair = pairs_of(shap).set_index(PAIR).clean_wrong_basin_share
+        shares = of_pair.reindex(pd.MultiIndex.from_frame(table[PAIR]))
+        columns.setdefault(tuple(map(_share, shares)), []).append(name)
+    return {
+        LOST + f", {', '.join(together)}" * (len(columns) > 1): cells
+        for cells, together in columns.items()
+    }
 
 
 def _share(value):

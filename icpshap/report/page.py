@@ -180,14 +180,16 @@ def _diagnoses(sections):
         (
             ", ".join(section.scope for section in together),
             text,
-            Markup(_pair_by_pair(together[0])),
+            Markup(_pair_by_pair(together)),
         )
         for (text, _), together in found.items()
     ]
 
 
-def _pair_by_pair(section):
-    return diagnosis.html(section.diagnosis, section.shap, section.study)
+def _pair_by_pair(sections):
+    first = sections[0]
+    shaps = {section.scope: section.shap for section in sections}
+    return diagnosis.html(first.diagnosis, shaps, first.study)
 
 
 def _symbols(sections):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from icpshap import se3
-from icpshap.diagnosis.curves import of_pair
+from icpshap.diagnosis.curves import of_pair, reference_of
 
 
 @pytest.fixture(scope="module")
@@ -48,3 +48,10 @@ def test_scans_apart_have_an_overlap_and_nothing_else(pair):
 def test_the_same_scans_give_the_same_bytes(pair):
     first, second = of_pair(pair), of_pair(pair)
     assert first.logarithms.tobytes() == second.logarithms.tobytes()
+
+
+def test_a_reference_serves_any_source_to_the_byte(pair):
+    known = reference_of(pair)
+    for share in (0.3, 1.0):
+        part = replace(pair, source=pair.source[: int(share * len(pair.source))])
+        assert of_pair(part, known).logarithms.tobytes() == of_pair(part).logarithms.tobytes()

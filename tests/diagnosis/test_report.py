@@ -1,3 +1,6 @@
+import re
+from types import SimpleNamespace
+
 import matplotlib.pyplot as plt
 import pandas as pd
 import pytest
@@ -139,3 +142,21 @@ def test_the_caption_says_what_is_not_seen():
 def test_the_caption_counts_the_pairs_that_are_shown():
     caption = pictures.caption(table({}, NOISE, {"verdict": "unknown"}))
     assert "2 pairs; 1 more could not be held against another one." in caption
+
+
+def shap(shares):
+    places = range(len(shares))
+    keys = {"sequence": "drive", "reference": places, "source": 1}
+    return pd.DataFrame({**keys, "clean_wrong_basin_share": shares})
+
+
+def test_each_experiment_says_where_its_clean_runs_end():
+    study = SimpleNamespace(pair=lambda row: f"Drive {row.reference}")
+    # The first has only one of the pairs; two of the three say the same.
+    shaps = {"small": shap([0.02]), "large": shap([0.02, 0.1]), "twin": shap([0.02, 0.1])}
+    page = str(diagnosis.html(table({}, NOISE), shaps, study))
+    titles = [title.strip() for title in re.findall("<th>([^<]*)", page)]
+    assert titles[-2:] == [f"{diagnosis.LOST}, small", f"{diagnosis.LOST}, large, twin"]
+    assert page.count("2%") == 2 and page.count("10%") == 1
+    alone = str(diagnosis.html(table({}, NOISE), {"large": shaps["large"]}, study))
+    assert re.findall("<th>([^<]*)", alone)[-1].strip() == diagnosis.LOST

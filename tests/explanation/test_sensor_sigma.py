@@ -92,3 +92,12 @@ def test_runs_whose_draws_share_it_have_no_null_of_independent_ones():
 def test_a_reading_that_is_not_of_covariances_has_no_other_sensor():
     row = explain_one(runs_table(noise_draws=10), None, DRAWN, divergence="wrong_basin_share")
     assert np.isnan(row["f_sensor_sigma_twice"])
+
+
+def test_where_a_draw_has_no_runs_left_another_sensor_is_unknown_and_f_is_not():
+    runs = runs_table(noise_draws=10)
+    on = runs["sensor_noise"] > 0
+    # Failed in one draw alone: nothing tells its place.
+    runs.loc[on & (runs["noise_draw"] == 0), "status"] = "too_few_links"
+    row = explain_one(runs, None, DRAWN)
+    assert np.isfinite(row["f"]) and np.isnan(row["f_sensor_sigma_twice"])

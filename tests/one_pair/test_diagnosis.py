@@ -61,6 +61,9 @@ def test_without_anything_to_compare_no_number_is_called_unusual():
         ({"sensor": "eyes"}, "sensor: 'eyes', expected one of hokuyo_utm_30lx"),
         ({"sensor": "velodyne_vlp_16", "healthy": HEALTHY}, "given with healthy pairs"),
         ({"healthy": [HEALTHY[0][:1]]}, "healthy: entry 0 has 1 parts, expected"),
+        ({"healthy": None}, "healthy: NoneType, expected a list of pairs"),
+        ({"healthy": [None]}, "healthy: entry 0 is no pair, expected"),
+        ({"clean_runs": True, "estimator": "closed_form"}, "closed_form returns no pose samples"),
         ({"healthy": [given(0)]}, "healthy 0: the pair that is diagnosed, expected another one"),
     ],
 )
@@ -91,6 +94,17 @@ def test_scans_that_do_not_overlap_cannot_be_measured():
         icpshap.diagnose(reference, source, away)
 
 
+def test_clean_runs_are_those_of_an_explanation():
+    estimator = {"based_on": "paper", "runs": 50, "subsampling_probability": 0.02}
+    found = icpshap.diagnose(*given(0), estimator=estimator, clean_runs=True)
+    explained = icpshap.explain(*given(0), causes={"initial_pose": 2.0}, estimator=estimator)
+    clean = explained.tables["shap"].filter(regex="^clean_wrong_basin_share").iloc[0]
+    assert found.clean_runs == (50, *clean)
+    assert json.loads(found.to_json())["clean_runs"]["number"] == 50
+    assert "Of 50 clean runs" in found.to_text(500)
+    assert icpshap.diagnose(*given(0)).clean_runs is None
+
+
 def test_the_command_prints_the_same(tmp_path, capsys):
     reference, source, T = given(0, noise=0.04)
     np.save(tmp_path / "a.npy", reference)
@@ -108,3 +122,21 @@ def test_the_command_prints_the_same(tmp_path, capsys):
     assert found["z_sensor_noise"] == expected.table.z_sensor_noise[0]
     assert cli.main(["diagnose", *typed]) == 0
     assert "nothing can be called unusual" in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_command_takes_the_pose_of_a_healthy_pair(tmp_path, capsys, monkeypatch):
+    typed = []
+    for name, (reference, source, T) in (("a", given(0, noise=0.04)), ("b", HEALTHY[0])):
+        np.save(tmp_path / f"{name}0.npy", reference)
+        np.save(tmp_path / f"{name}1.npy", source)
+        np.savetxt(tmp_path / f"{name}.txt", T)
+        typed.append([str(tmp_path / f"{name}{k}.npy") for k in (0, 1)])
+    monkeypatch.chdir(tmp_path)
+    first = ["diagnose", *typed[0], "--transform", "a.txt", "--json"]
+    expected = icpshap.diagnose(*given(0, noise=0.04), healthy=HEALTHY[:1]).to_json()
+    numbers = [f"{number:.17g}" for number in HEALTHY[0][2].reshape(-1)]
+    for pose in (["b.txt"], numbers):
+        assert cli.main([*first, "--healthy", *typed[1], *pose]) == 0
+        assert json.loads(capsys.readouterr().out) == json.loads(expected)
+    assert cli.main([*first, "--healthy", "b0.npy"]) == 1
+    assert "--healthy b0.npy: expected two scans" in capsys.readouterr().err
