@@ -74,8 +74,11 @@ NOTES = {
         "Either key replaces both of the experiment that this one is `based_on`."
     ),
     "experiments.<name>.instances": (
-        "Exactly one of the two. It names 1 to 7 [causes](#causes), each once: they are the "
-        "players. **Not named is off.** `waterfall` names the same ones."
+        "Exactly one of the three. It names 1 to 7 [causes](#causes), each once: they are the "
+        "players. **Not named is off.** `waterfall` names the same ones.\n\n"
+        "`instances: here` has the causes that scans show as players, at the levels that the "
+        "[diagnosis](diagnosis.md#explain-here) finds in each pair; `instances: {here: "
+        "{initial_pose: 4}}` tells the scale of the initial pose besides."
     ),
 }
 
@@ -250,7 +253,8 @@ def _causes():
     ]
     header = ["cause", "title", "symbol", "unit", "off", "range", "levels worth trying", "meaning"]
     levels = schema.configuration()["properties"]["experiments"]["additionalProperties"]
-    levels = levels["properties"]["instances"]["properties"]["grid"]["properties"]
+    _, forms = levels["properties"]["instances"]["oneOf"]
+    levels = forms["properties"]["grid"]["properties"]
     _, start_stop_step = next(iter(levels.values()))["oneOf"]
     rows_of_levels = [
         [f"`{key}`", value["type"], value["description"]]

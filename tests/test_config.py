@@ -255,7 +255,8 @@ MISTAKES = [
     (
         "experiments.different_perturbations.instances.fixed",
         ONE_VALUE,
-        "instances: expected either grid or fixed, found both. Hint: mappings of several config",
+        "instances: expected one of grid, fixed, here, found grid and "
+        "fixed. Hint: mappings of several config",
     ),
     (
         "experiments.comparison",
