@@ -18,6 +18,8 @@ from icpshap.estimators.perturb import require_points
 from icpshap.plan import Setting
 from icpshap.tables import NO_PAIR, PLAYED
 
+USUAL = "nothing stands out"
+
 
 class Instance(NamedTuple):
     """What is explained of a pair; levels: of each cause by name, off where there is none.
@@ -104,4 +106,4 @@ def _without(row):
     if row.verdict == UNKNOWN:
         return "not diagnosed: its scans show nothing, or there is no other pair to compare with"
     beside = "the scanner's data sheet" if row.against == SHEET else "the other pairs"
-    return f"nothing stands out beside {beside}"
+    return f"{USUAL} beside {beside}"

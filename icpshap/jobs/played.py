@@ -64,6 +64,13 @@ def scan_pair(game, pairs, planned):
     return ScanPair.of(rows[game.run]).standing_for(game.pair)
 
 
+def as_run(table, planned):
+    """A table under the indices of the pairs that were run, not of those that are explained."""
+    if not tables.is_here(planned):
+        return table
+    return table.assign(**{name: table[f"played_{name}"] for name in ("reference", "source")})
+
+
 def _by_pair(table):
     return {(row.reference, row.source): row for row in table.itertuples()}
 

@@ -448,6 +448,7 @@ def study_of(wildcards):
             dependence=experiment.dependence,
             titles={key: CONFIG.data[key].title for key in experiment.pairs},
             waterfall=experiment.waterfall,
+            here=bool(experiment.measured),
         )
     )
 

@@ -36,8 +36,10 @@ def explain_sequence(paths, output, planned, jobs):
     joined = {table: pd.concat(frames, ignore_index=True) for table, frames in made.items()}
     plans.check(paths.fit, planned["fit"])
     numbers = tables.read(paths.fit, "fit_numbers")
-    joined["fit"] = checks.complete(numbers, joined["uncertainty"], planned["off"])
-    joined["shap"] = checks.marked(joined["shap"], joined["fit"])
+    run = played.as_run(joined["uncertainty"], planned)
+    joined["fit"] = checks.complete(numbers, run, planned["off"])
+    broken = checks.marked(played.as_run(joined["shap"], planned), joined["fit"]).misfit
+    joined["shap"] = joined["shap"].assign(misfit=broken)
     for table, frame in joined.items():
         tables.write(output[table], frame, table, planned, causes)
 
