@@ -125,11 +125,9 @@ def finding(table, directions_table, study):
 
 
 def _explained_here(table, study):
-    """Which of the pairs have an instance where these are diagnosed, and where it is played."""
-    valued = study.valued(table)
-    if not study.here or valued.empty:
-        return ""
-    return f", {len(pairs_of(valued))} of them explained {here.instances(valued, study)}"
+    """What is explained of pairs that are diagnosed, after their names; "" of others."""
+    known = study.here and len(study.valued(table))
+    return f", {here.instances(table, study)}" if known else ""
 
 
 def found(table, directions_table, study):
@@ -341,7 +339,9 @@ def which_pairs(table, study):
     if len(pairs) == 1:
         return study.pair(next(pairs.itertuples()))
     names = ", ".join(study.title(sequence) for sequence in pairs.sequence.unique())
-    return f"{len(pairs)} pairs of {names}"
+    explained = len(pairs_of(study.valued(table))) if study.here else len(pairs)
+    some = f"{explained} of " * (0 < explained < len(pairs))
+    return f"{some}{len(pairs)} pairs of {names}"
 
 
 def which_instances(table, study):

@@ -17,7 +17,7 @@ SAME_SCANS = "that can be tried on these scans"
 NOTE = (
     "What was found in a pair was put into the pair that it is played on, where it can be taken "
     "out again: without a cause f falls by the number beside it, most first, with its 95 % "
-    "interval. That of the pair itself is predicted by it."
+    "interval. What the pair itself would gain is predicted by that, and was not tried."
 )
 
 
@@ -26,7 +26,7 @@ def instances(table, study):
     told = [cause for cause in study.shown(table) if cause.told]
     played = table[table.reason == ""]
     also = f" and {words.describe_values(played.iloc[0], told)}" if told else ""
-    return f"at the levels diagnosed of each{also}{_where(table, study)}"
+    return f"at the diagnosed levels{also}{_where(table, study)}"
 
 
 def _where(table, study):
