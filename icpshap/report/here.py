@@ -48,8 +48,8 @@ def _where(table, study):
 
 def nothing(table):
     """That there is nothing to explain, where no pair stands out; "" else."""
-    usual = table.reason.str.startswith(USUAL)
-    return "nothing stands out in any pair, so that there is nothing to explain" * usual.all()
+    usual = bool(table.reason.str.startswith(USUAL).all())
+    return "nothing stands out in any pair, so that there is nothing to explain" * usual
 
 
 def advice(table, study):
