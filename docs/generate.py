@@ -356,6 +356,10 @@ Some columns follow from the causes that the experiment names: a value of each, 
 `resampled` what each contributes. This page has the paper's three as the example. With other causes
 the columns have their names; a single cause has no interactions.
 
+Of an experiment with [`instances: here`](diagnosis.md#explain-here) the rows of `runs`, `estimates`,
+`uncertainty`, `shap`, `directions`, `covariances` and `resampled` are named by the pair that is
+explained, and `played_reference` and `played_source` say at their end which pair was run.
+
 The unit *f* is that of the estimator's `divergence`: nats, or m and rad for `translation_rmse` and
 `rotation_rmse`. Poses and pose errors have the rotation first: xi = [rotation; translation]. What
 intervals, noise floor and warnings mean: [uncertainty.md](uncertainty.md).
@@ -369,6 +373,7 @@ PLACES = {
     "overlap": paths.OVERLAP,
     "fit_numbers": paths.FIT_NUMBERS,
     "diagnosis": paths.DIAGNOSIS,
+    "instances": paths.INSTANCES,
     "runs": paths.RUNS,
     "estimates": paths.ESTIMATES,
     "descriptors": paths.DESCRIPTORS,
@@ -382,6 +387,7 @@ ROWS = {
     "pairs": "a pair, registered or not",
     "fit_numbers": "a pair: what the checks of how the settings fit the scans are made from",
     "diagnosis": "a pair: what is wrong with it, beside the other pairs of the sequence",
+    "instances": "a pair of an experiment with `instances: here`: what is played of it, and where",
     "fit": "a check of a pair: the number, what is right, the change that mends it",
     "runs": "a pose sample: an ICP run",
     "estimates": "the covariance of a setting in one noise draw",

@@ -61,7 +61,10 @@ def test_the_paper_is_the_default(paper):
     }
 
 
-@pytest.mark.parametrize("name", ["all_causes", "demo", "estimators", "released_code", "robust"])
+OVERRIDES = ("all_causes", "demo", "estimators", "here", "released_code", "robust")
+
+
+@pytest.mark.parametrize("name", OVERRIDES)
 def test_every_shipped_override_loads(config, name):
     update_config(config, yaml.safe_load((REPOSITORY / f"config/{name}.yaml").read_text()))
     loaded = configuration.load(config)
