@@ -356,9 +356,9 @@ Some columns follow from the causes that the experiment names: a value of each, 
 `resampled` what each contributes. This page has the paper's three as the example. With other causes
 the columns have their names; a single cause has no interactions.
 
-Of an experiment with [`instances: here`](diagnosis.md#explain-here) the rows of `runs`, `estimates`,
-`uncertainty`, `shap`, `directions`, `covariances` and `resampled` are named by the pair that is
-explained, and `played_reference` and `played_source` say at their end which pair was run.
+With [`instances: here`](diagnosis.md#explain-here) the rows of `runs`, `estimates`, `uncertainty`,
+`shap`, `directions`, `covariances` and `resampled` are named by the pair that is explained, and
+`played_reference` and `played_source` at their end say which pair was run.
 
 The unit *f* is that of the estimator's `divergence`: nats, or m and rad for `translation_rmse` and
 `rotation_rmse`. Poses and pose errors have the rotation first: xi = [rotation; translation]. What
