@@ -37,7 +37,7 @@ def test_the_levels_that_were_found_are_played_on_the_pair_they_were_found_on():
         "partial_overlap": 0.0,
         "under_constrained": 0.0,
     }
-    assert list(found.levels) == [name for name in causes.CAUSES if name in found.levels]
+    assert list(found.levels) == [cause.name for cause in causes.named(found.levels)]
 
 
 def test_without_another_pair_it_is_the_pair_itself_and_nothing_is_known_of_other_causes():

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from icpshap import config as configuration, options, storage
 from icpshap.data import citation
 from icpshap.data.folder import find_files
+from icpshap.diagnosis.table import NEIGHBOURS
 from icpshap.errors import DataError, UserError
 from icpshap.jobs import digests, parents, paths, progress, start
 from icpshap.jobs.plans import Plans, is_settled
@@ -161,9 +162,12 @@ def is_here(wildcards):
 
 def pairs_read(wildcards):
     """The pairs that a job reads: those of its parts, or all that they may be played on."""
-    if is_here(wildcards):
-        return pairs_of(wildcards)
-    return tuple(part.pair for part in parts_of(wildcards))
+    found = tuple(part.pair for part in parts_of(wildcards))
+    if not is_here(wildcards):
+        return found
+    known = pairs_of(wildcards)
+    first, last = (known.index(pair) for pair in (found[0], found[-1]))
+    return known[max(first - NEIGHBOURS, 0) : last + NEIGHBOURS + 1]
 
 
 def scans_of(wildcards):
