@@ -74,8 +74,11 @@ NOTES = {
         "Either key replaces both of the experiment that this one is `based_on`."
     ),
     "experiments.<name>.instances": (
-        "Exactly one of the two. It names 1 to 7 [causes](#causes), each once: they are the "
-        "players. **Not named is off.** `waterfall` names the same ones."
+        "Exactly one of the three. It names 1 to 7 [causes](#causes), each once: they are the "
+        "players. **Not named is off.** `waterfall` names the same ones.\n\n"
+        "`instances: here` has the causes that scans show as players, at the levels that the "
+        "[diagnosis](diagnosis.md#explain-here) finds in each pair; `instances: {here: "
+        "{initial_pose: 4}}` tells the scale of the initial pose besides."
     ),
 }
 
@@ -250,7 +253,8 @@ def _causes():
     ]
     header = ["cause", "title", "symbol", "unit", "off", "range", "levels worth trying", "meaning"]
     levels = schema.configuration()["properties"]["experiments"]["additionalProperties"]
-    levels = levels["properties"]["instances"]["properties"]["grid"]["properties"]
+    _, forms = levels["properties"]["instances"]["oneOf"]
+    levels = forms["properties"]["grid"]["properties"]
     _, start_stop_step = next(iter(levels.values()))["oneOf"]
     rows_of_levels = [
         [f"`{key}`", value["type"], value["description"]]
@@ -352,6 +356,10 @@ Some columns follow from the causes that the experiment names: a value of each, 
 `resampled` what each contributes. This page has the paper's three as the example. With other causes
 the columns have their names; a single cause has no interactions.
 
+With [`instances: here`](diagnosis.md#explain-here) the rows of `runs`, `estimates`, `uncertainty`,
+`shap`, `directions`, `covariances` and `resampled` are named by the pair that is explained, and
+`played_reference` and `played_source` at their end say which pair was run.
+
 The unit *f* is that of the estimator's `divergence`: nats, or m and rad for `translation_rmse` and
 `rotation_rmse`. Poses and pose errors have the rotation first: xi = [rotation; translation]. What
 intervals, noise floor and warnings mean: [uncertainty.md](uncertainty.md).
@@ -365,6 +373,7 @@ PLACES = {
     "overlap": paths.OVERLAP,
     "fit_numbers": paths.FIT_NUMBERS,
     "diagnosis": paths.DIAGNOSIS,
+    "instances": paths.INSTANCES,
     "runs": paths.RUNS,
     "estimates": paths.ESTIMATES,
     "descriptors": paths.DESCRIPTORS,
@@ -378,6 +387,7 @@ ROWS = {
     "pairs": "a pair, registered or not",
     "fit_numbers": "a pair: what the checks of how the settings fit the scans are made from",
     "diagnosis": "a pair: what is wrong with it, beside the other pairs of the sequence",
+    "instances": "a pair of an experiment with `instances: here`: what is played of it, and where",
     "fit": "a check of a pair: the number, what is right, the change that mends it",
     "runs": "a pose sample: an ICP run",
     "estimates": "the covariance of a setting in one noise draw",

@@ -15,12 +15,13 @@ import yaml
 from jsonschema import Draft202012Validator
 
 from icpshap import presets, schema, what_if
-from icpshap.causes import CAUSES, MOST, named, variants_of
+from icpshap.causes import CAUSES, MOST, named, shown, variants_of
 from icpshap.data.layout import REGISTER
+from icpshap.diagnosis.curves import AS_DIAGNOSED
 from icpshap.errors import UserError
 from icpshap.estimators import KINDS
 from icpshap.estimators.perturb import Perturbation
-from icpshap.presets import DEFAULT_KIND, Preset
+from icpshap.presets import DEFAULT_KIND, PAPER, Preset
 from icpshap.schema import EXPERIMENT_KEYS
 
 
@@ -71,8 +72,10 @@ PAPER_COUPLES = (
 
 @dataclass(frozen=True)
 class Experiment:
-    """Pairs by sequence, and levels by cause, in the order of the registry; every combination of
-    levels is explained."""
+    """Pairs by sequence, and levels by cause; every combination of levels is explained.
+
+    measured: causes of which the diagnosis of each pair gives the level, where it is `here`.
+    """
 
     name: str
     estimator: str
@@ -84,11 +87,12 @@ class Experiment:
     dependence: tuple[tuple[str, str], ...]
     scenes: dict[str, tuple[tuple[int, int], ...]]
     what_if: dict[str, dict]
+    measured: tuple[str, ...] = ()
 
     @property
     def causes(self):
-        """Names of the players."""
-        return tuple(self.levels)
+        """Names of the players, in the order of the registry."""
+        return tuple(cause.name for cause in named([*self.levels, *self.measured]))
 
 
 @dataclass(frozen=True)
@@ -114,6 +118,12 @@ class Config:
     by_estimator: dict[str, dict[str, str]]
     what_if: dict[str, dict[str, str]]
 
+    def preset(self, experiment):
+        """The `Preset` of an experiment's name; its causes act as they were diagnosed, if so."""
+        found = self.experiments[experiment]
+        preset = self.estimators[found.estimator]
+        return preset.with_options(**AS_DIAGNOSED) if found.measured else preset
+
     @property
     def planned(self):
         """Names of all experiments that are run: those selected, and what their what_if makes."""
@@ -128,6 +138,7 @@ def load(config):
     ``1e-3`` arrive; so are integers written like 1e2. Raises ConfigError with one line for every
     error.
     """
+    config = _with_here(config)
     changed = _changed_estimators(config)
     if changed:
         blocks = {name: block for name, (_, block) in changed.items()}
@@ -227,6 +238,19 @@ def expand_levels(levels):
 # --- building -------------------------------------------------------------------------------------
 
 
+def _with_here(config):
+    """A configuration that nobody has checked, with `instances: here` as an empty mapping."""
+    experiments = config.get("experiments") if isinstance(config, dict) else None
+    if not isinstance(experiments, dict):
+        return config
+    told = {
+        name: {**block, "instances": {"here": {}}}
+        for name, block in experiments.items()
+        if isinstance(block, dict) and block.get("instances") == "here"
+    }
+    return {**config, "experiments": {**experiments, **told}}
+
+
 def _kinds(config):
     """The kind of each estimator, as far as it can be told, by name of the estimator."""
     blocks = config.get("estimators") if isinstance(config, dict) else None
@@ -254,8 +278,9 @@ def _sequence(key, block):
 
 def _experiment(name, block, config):
     levels = _levels(block["instances"])
+    measured = tuple(shown()) if "here" in block["instances"] else ()
     waterfall = block.get("waterfall") or block["instances"].get("fixed")
-    couples = [couple for couple in PAPER_COUPLES if set(couple) <= set(levels)]
+    couples = [couple for couple in PAPER_COUPLES if set(couple) <= {*levels, *measured}]
     return Experiment(
         name=name,
         estimator=block["estimator"],
@@ -267,6 +292,7 @@ def _experiment(name, block, config):
         dependence=tuple(tuple(couple) for couple in block.get("dependence", couples)),
         scenes=_by_sequence(block.get("scenes", [])),
         what_if=block.get("what_if") or {},
+        measured=measured,
     )
 
 
@@ -318,9 +344,18 @@ def _names_by_estimator(name, block):
 
 
 def _levels(instances):
-    """Levels by cause of a grid or a fixed instance, in the order of the registry."""
-    grid = instances.get("grid") or {name: [value] for name, value in instances["fixed"].items()}
+    """Levels by cause of a grid, a fixed instance, or what is told of one that is diagnosed.
+
+    In the order of the registry.
+    """
+    one = instances.get("fixed") or instances.get("here") or {}
+    grid = instances.get("grid") or {name: [value] for name, value in one.items()}
     return {cause.name: expand_levels(grid[cause.name]) for cause in named(grid)}
+
+
+def _players(instances):
+    """Names of the causes of an experiment's instances."""
+    return [*_levels(instances), *(shown() if "here" in instances else ())]
 
 
 def _pairs(block, data):
@@ -634,7 +669,7 @@ def _incomparable(where, block, estimators):
             "of the others"
         )
     variants = {
-        name: variants_of(preset.estimator.of_causes(_levels(block["instances"])).causes)
+        name: variants_of(preset.estimator.of_causes(_players(block["instances"])).causes)
         for name, preset in presets_.items()
     }
     for name, variant in variants.items():
@@ -655,7 +690,9 @@ def _options(variants):
 
 def _what_the_estimator_cannot(where, block, name, preset):
     """Causes of an experiment that its estimator cannot see, or does not let act together."""
-    players = [preset.estimator.causes[name] for name in _levels(block["instances"])]
+    players = [preset.estimator.causes[name] for name in _players(block["instances"])]
+    if "here" in block["instances"]:
+        yield from _not_as_diagnosed(where, preset)
     sees = preset.estimator.kind.sees
     for cause in players:
         if sees is not None and cause.name not in sees:
@@ -683,6 +720,21 @@ def _what_the_estimator_cannot(where, block, name, preset):
             )
 
 
+def _not_as_diagnosed(where, preset):
+    """Options of an estimator by which a level would mean another thing than in a diagnosis."""
+    diagnosed = preset.with_options(**AS_DIAGNOSED).estimator.causes
+    usual = variants_of(PAPER.with_options(**AS_DIAGNOSED).estimator.causes)
+    for name in shown():
+        if diagnosed[name].conflict:
+            yield f"{where}: instances: here removes a sector: {diagnosed[name].conflict}"
+        other = variants_of({name: diagnosed[name]}).get(name, {})
+        if other != usual.get(name, {}):
+            yield (
+                f"{where}: {_options({name: other})} gives {name} another unit than the diagnosis "
+                "finds its level in. Hint: an estimator `based_on` it without the option"
+            )
+
+
 def _what_if_inconsistencies(name, experiments, estimators, sound):
     block, errors = _complete("experiments", experiments, name, EXPERIMENT_KEYS)
     if errors or not block.get("what_if"):
@@ -692,6 +744,12 @@ def _what_if_inconsistencies(name, experiments, estimators, sound):
         yield (
             f"{where}: {name} has several estimators, expected one that the changes are of. "
             "Hint: give it an experiment of its own with one `estimator`"
+        )
+        return
+    if "here" in block["instances"]:
+        yield (
+            f"{where}: `instances: here` has another instance in each pair, expected one that the "
+            "changes are tried on. Hint: leave it out, or give it an experiment with a fixed one"
         )
         return
     if what_if.explained(block) is None:
@@ -739,6 +797,12 @@ def _training_of(name, block, estimator, kind, config):
         any(_experiment_inconsistencies("", checked, data)) for checked in (block, other)
     ):
         return  # that is said where it is wrong
+    if "here" in other["instances"]:
+        yield (
+            f"{where}: {training} has the levels that are diagnosed of each pair, expected some to "
+            "learn from. Hint: name an experiment with a grid"
+        )
+        return
     if "estimator" not in other:
         yield (
             f"{where}: {training} has several estimators, expected one to learn from. "
@@ -813,12 +877,56 @@ def _experiment_inconsistencies(where, block, data):
                     f"{where}.scenes: {pair['sequence']} {pair['reference']}, {pair['source']} is "
                     "not one of the experiment's pairs. Hint: list it under pairs too"
                 )
+    if "here" in block["instances"]:
+        yield from _here_inconsistencies(where, block, data)
+        return
     if "waterfall" in block["figures"] and _number_of_pairs(block, data) > 1:
         yield (
             f"{where}.figures: waterfall shows one pair, and the experiment has several. "
             "Hint: leave it out, or give the pair an experiment of its own"
         )
     yield from _instance_inconsistencies(where, block)
+
+
+def _here_inconsistencies(where, block, data):
+    """What is wrong with an experiment whose instances are diagnosed."""
+    here = f"{where}.instances.here"
+    for name in block["instances"]["here"]:
+        if CAUSES[name].shown_by:
+            yield (
+                f"{here}.{name}: its level is diagnosed of each pair, expected none. "
+                "Hint: leave it out; `fixed` is for levels of your own"
+            )
+        elif not CAUSES[name].told:
+            told = ", ".join(cause.name for cause in CAUSES.values() if cause.told)
+            yield (
+                f"{here}.{name}: not visible in a pair of scans, and nothing that a robot knows of "
+                f"itself, expected some of {told}. Hint: leave it out; `fixed` is for levels of "
+                "your own"
+            )
+    for key in ("waterfall", "scenes"):
+        if block.get(key):
+            yield (
+                f"{where}.{key}: which instance a pair has is known only when it is diagnosed. "
+                "Hint: leave it out, or give it an experiment with fixed levels"
+            )
+    if "waterfall" in block["figures"]:
+        yield (
+            f"{where}.figures: waterfall shows one instance, and each pair has its own. "
+            "Hint: leave it out"
+        )
+    names = set(_players(block["instances"]))
+    for name in (name for couple in block.get("dependence", []) for name in couple):
+        if name not in names:
+            yield f"{where}.dependence: {unknown(name, names, 'cause of the experiment')}"
+    known = [name for name in block.get("sequences", []) if name in data]
+    if block["pairs"] != "consecutive" or known == block.get("sequences"):
+        for sequence, pairs in _pairs(block, data).items():
+            if len(pairs) < 2:
+                yield (
+                    f"{where}.pairs: one pair of {sequence}, expected at least 2: a pair is "
+                    "diagnosed beside the others. Hint: list more of its pairs, at best all"
+                )
 
 
 def _number_of_pairs(block, data):
@@ -1004,7 +1112,8 @@ def _describe(error, kinds):
         ]
     if error.validator == "maxProperties":
         return [
-            f"{where}: expected either {' or '.join(error.schema['properties'])}, found both. "
+            f"{where}: expected one of {', '.join(error.schema['properties'])}, found "
+            f"{' and '.join(value)}. "
             "Hint: mappings of several config files are merged; give yours a name of its own, and "
             "`based_on` this one"
         ]

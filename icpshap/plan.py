@@ -67,6 +67,14 @@ def settings(levels, replicates):
     return sorted(found, key=_by_reference(players))
 
 
+def unknown_levels(names):
+    """Levels of causes that are known only from data, as far as they decide how many settings.
+
+    One of each, which may turn out to be off: then there are fewer, and later jobs have less to do.
+    """
+    return {name: causes.CAUSES[name].levels[:1] for name in names}
+
+
 def instances(levels):
     """The perturbations to explain, a value by name of each cause: every combination, in order."""
     names = [cause.name for cause in causes.named(levels)]

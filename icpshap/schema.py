@@ -235,23 +235,31 @@ def _changes():
 
 
 def _instances():
+    """The word here, or a mapping with one key."""
     grid = {cause.name: _levels(cause) for cause in named(CAUSES)}
-    return {
+    forms = {
+        "grid": {
+            "description": "Levels of each cause; every combination is an instance.",
+            "type": "object",
+            "additionalProperties": False,
+            "minProperties": 1,
+            "properties": grid,
+        },
+        "fixed": {"description": "One value of each cause.", "minProperties": 1, **_values()},
+        "here": {
+            "description": "The levels that are diagnosed of each pair, of the causes that scans "
+            "show; and a value of each cause that is told, initial_pose or icp_randomness, if any.",
+            **_values(),
+        },
+    }
+    mapping = {
         "type": "object",
         "additionalProperties": False,
         "minProperties": 1,
         "maxProperties": 1,
-        "properties": {
-            "grid": {
-                "description": "Levels of each cause; every combination is an instance.",
-                "type": "object",
-                "additionalProperties": False,
-                "minProperties": 1,
-                "properties": grid,
-            },
-            "fixed": {"description": "One value of each cause.", "minProperties": 1, **_values()},
-        },
+        "properties": forms,
     }
+    return {"oneOf": [{"type": "string", "enum": ["here"]}, mapping]}
 
 
 def _couples():
@@ -286,8 +294,9 @@ class Experiment:
     )
     instances: dict = option(
         REQUIRED,
-        "The perturbations to explain: a grid of levels or one fixed perturbation. The causes that "
-        "it names are the players; what is not named is off",
+        "The perturbations to explain: a grid of levels, one fixed perturbation, or here, the "
+        "levels that are diagnosed of each pair. The causes that it names are the players; what is "
+        "not named is off",
         schema=_instances,
     )
     replicates: int = option(

@@ -125,6 +125,14 @@ _END = [
 ]
 
 
+_PLAYED = [
+    Column("played_reference", "int32", "", "reference of the pair played on; -1 of no game"),
+    Column("played_source", "int32", "", "source of it: the most usual other pair, or this one"),
+]
+PLAYED = [column.name for column in _PLAYED]
+NO_PAIR = -1
+
+
 def _values(causes):
     return [Column(c.name, "float64", c.unit, f"{c.title} {c.symbol}") for c in causes]
 
@@ -381,6 +389,16 @@ def _diagnosis(causes):
     ]
 
 
+def _instances(causes):
+    """The level of each cause that is explained of a pair; off where there is none."""
+    return [
+        *_PAIR,
+        *_PLAYED,
+        *_values(causes),
+        Column("reason", "string", "", "why no game is played; empty if one is"),
+    ]
+
+
 def _fit(causes):
     return [
         *_PAIR,
@@ -579,6 +597,7 @@ TABLES = {
     "descriptors": _descriptors,
     "fit_numbers": _fit_numbers,
     "diagnosis": _diagnosis,
+    "instances": _instances,
     "fit": _fit,
     "uncertainty": _uncertainty,
     "shap": _shap,
@@ -587,6 +606,7 @@ TABLES = {
     "resampled": _resampled,
 }
 WITH_CAUSES = (
+    "instances",
     "runs",
     "estimates",
     "descriptors",
@@ -598,9 +618,30 @@ WITH_CAUSES = (
 )
 
 
-def columns(table, causes=()):
-    """The columns of the named table, for an experiment with these causes."""
-    return TABLES[table](causes)
+# Those of which each row says, where instances are diagnosed, what pair was played on.
+OF_GAMES = (
+    "runs",
+    "estimates",
+    "uncertainty",
+    "shap",
+    "directions",
+    "covariances",
+    "resampled",
+)
+
+
+def columns(table, causes=(), here=False):
+    """The columns of the named table, for an experiment with these causes.
+
+    here: whether its instances are diagnosed, and played on other pairs.
+    """
+    found = TABLES[table](causes)
+    return found + _PLAYED if here and table in OF_GAMES else found
+
+
+def is_here(plan):
+    """Whether a plan is of an experiment whose instances are diagnosed."""
+    return "measured" in (plan or {})
 
 
 def write(path, frame, table, plan=None, causes=(), **about):
@@ -611,7 +652,8 @@ def write(path, frame, table, plan=None, causes=(), **about):
     them; about: what else goes into the file's metadata. Raises
     TableError if a column is missing, unknown or not convertible.
     """
-    known = columns(table, registry.players(causes, (plan or {}).get("variants", {})))
+    players = registry.players(causes, (plan or {}).get("variants", {}))
+    known = columns(table, players, is_here(plan))
     names = [column.name for column in known]
     if set(names) != set(frame.columns):
         missing, extra = set(names) - set(frame.columns), set(frame.columns) - set(names)
@@ -631,7 +673,7 @@ def read(path, table):
     Raises TableError if its columns are others, storage.StorageError if the file is damaged.
     """
     found, about = storage.read(path)
-    expected = _schema(columns(table, _causes_of(path, about)))
+    expected = _schema(columns(table, _causes_of(path, about), is_here(about.get("plan"))))
     if not found.schema.equals(expected):
         raise TableError(
             f"{path}: not a {table} table: expected columns {', '.join(expected.names)}, "
@@ -674,9 +716,9 @@ def read_poses(path):
     return read(path, "poses")[TRANSFORM].to_numpy().reshape(-1, 4, 4)
 
 
-def empty(table, causes=()):
-    """The named table without rows; causes: their names."""
-    return _schema(columns(table, registry.named(causes))).empty_table().to_pandas()
+def empty(table, causes=(), plan=None):
+    """The named table without rows; causes: their names; plan: as of `write`."""
+    return _schema(columns(table, registry.named(causes), is_here(plan))).empty_table().to_pandas()
 
 
 def write_scan(path, points, times, plan, **about):

@@ -61,7 +61,10 @@ def test_the_paper_is_the_default(paper):
     }
 
 
-@pytest.mark.parametrize("name", ["all_causes", "demo", "estimators", "released_code", "robust"])
+OVERRIDES = ("all_causes", "demo", "estimators", "here", "released_code", "robust")
+
+
+@pytest.mark.parametrize("name", OVERRIDES)
 def test_every_shipped_override_loads(config, name):
     update_config(config, yaml.safe_load((REPOSITORY / f"config/{name}.yaml").read_text()))
     loaded = configuration.load(config)
@@ -255,7 +258,8 @@ MISTAKES = [
     (
         "experiments.different_perturbations.instances.fixed",
         ONE_VALUE,
-        "instances: expected either grid or fixed, found both. Hint: mappings of several config",
+        "instances: expected one of grid, fixed, here, found grid and "
+        "fixed. Hint: mappings of several config",
     ),
     (
         "experiments.comparison",
@@ -931,3 +935,115 @@ class TestWhatIf:
     def test_of_a_grid_the_instance_must_be_named(self, config):
         del self.changed(config)["experiments"]["different_perturbations"]["waterfall"]
         assert "what_if: missing different_perturbations.waterfall" in errors_of(config)
+
+
+class TestHere:
+    """`instances: here`: the causes that scans show are the players, and what is told of others."""
+
+    HERE = "experiments.same_perturbation.instances"
+
+    def here(self, config, instances, **changes):
+        block = config["experiments"]["same_perturbation"]
+        block |= {"instances": instances, "figures": ["summary"], **changes}
+        return config
+
+    def test_the_causes_that_scans_show_are_the_players(self, config):
+        found = configuration.load(self.here(config, "here")).experiments["same_perturbation"]
+        assert found.causes == ("sensor_noise", "partial_overlap", "under_constrained")
+        assert (found.levels, found.waterfall) == ({}, None)
+
+    def test_what_is_told_is_played_too(self, config):
+        config = self.here(config, {"here": {"initial_pose": "4", "icp_randomness": 2}})
+        found = configuration.load(config).experiments["same_perturbation"]
+        assert found.levels == {"initial_pose": (4.0,), "icp_randomness": (2.0,)}
+        assert found.causes == (
+            "sensor_noise",
+            "initial_pose",
+            "partial_overlap",
+            "under_constrained",
+            "icp_randomness",
+        )
+
+    def test_the_overlap_is_lost_as_in_the_diagnosis(self, config):
+        found = configuration.load(self.here(config, "here"))
+        shape = {
+            name: found.preset(name).estimator.causes["partial_overlap"].overlap_shape
+            for name in ("same_perturbation", "different_perturbations")
+        }
+        assert shape == {"same_perturbation": "sector", "different_perturbations": "scattered"}
+
+    @pytest.mark.parametrize(
+        ("instances", "message"),
+        [
+            ("heer", "instances: unknown name 'heer', did you mean 'here'?"),
+            (
+                {"here": {"sensor_noise": 0.02}},
+                "instances.here.sensor_noise: its level is diagnosed of each pair, expected none.",
+            ),
+            (
+                {"here": {"range_bias": 0.02}},
+                "instances.here.range_bias: not visible in a pair of scans, and nothing that a "
+                "robot knows of itself, expected some of initial_pose, icp_randomness.",
+            ),
+            ({"here": {"initial_pose": -1}}, "here.initial_pose: -1 is less than or equal to"),
+            ({"here": {"initial_pos": 2}}, "did you mean 'initial_pose'?"),
+        ],
+    )
+    def test_of_other_causes_no_level_is_known(self, config, instances, message):
+        assert message in errors_of(self.here(config, instances))
+
+    @pytest.mark.parametrize(
+        ("changes", "message"),
+        [
+            ({"figures": ["waterfall"]}, "figures: waterfall shows one instance, and each pair"),
+            (
+                {"waterfall": {"sensor_noise": 0.05}},
+                "waterfall: which instance a pair has is known only when it is diagnosed.",
+            ),
+            (
+                {"scenes": [{"sequence": "eth", "reference": 0, "source": 1}]},
+                "scenes: which instance a pair has is known only when it is diagnosed.",
+            ),
+            (
+                {"what_if": {"more": {"runs": 200}}},
+                "what_if: `instances: here` has another instance in each pair",
+            ),
+            (
+                {"dependence": [["sensor_noise", "initial_pose"]]},
+                "dependence: unknown cause of the experiment 'initial_pose'",
+            ),
+            (
+                {"pairs": [{"sequence": "eth", "reference": 0, "source": 1}], "sequences": None},
+                "pairs: one pair of eth, expected at least 2: a pair is diagnosed beside the",
+            ),
+            (
+                {"estimator": "released_code"},
+                "estimator: instances: here removes a sector: overlap_shape: sector removes rows",
+            ),
+            (
+                {"estimator": "sheet"},
+                "sensor: velodyne_vlp_16 gives sensor_noise another unit than the diagnosis finds",
+            ),
+        ],
+    )
+    def test_what_needs_one_known_instance_does_not_go_with_it(self, config, changes, message):
+        config["estimators"]["sheet"] = {"based_on": "paper", "sensor": "velodyne_vlp_16"}
+        config = self.here(config, "here", **changes)
+        block = config["experiments"]["same_perturbation"]
+        config["experiments"]["same_perturbation"] = {
+            key: value for key, value in block.items() if value is not None
+        }
+        assert message in errors_of(config)
+
+    def test_nothing_is_learned_from_it(self, config):
+        config = self.here(config, "here")
+        config["estimators"]["mine"] = {"kind": "learned", "training": "same_perturbation"}
+        config["experiments"]["again"] = {
+            **config["experiments"]["same_perturbation"],
+            "estimator": "mine",
+            "instances": {"fixed": {"sensor_noise": 0.05}},
+        }
+        config["run"] = ["same_perturbation", "again"]
+        assert "same_perturbation has the levels that are diagnosed of each pair" in errors_of(
+            config
+        )

@@ -324,7 +324,8 @@ def is_path_of(block, keys):
     """Whether a path of keys leads somewhere in a schema; names of a user's own are any word."""
     if not keys:
         return True
-    properties = block.get("properties", {})
+    forms = [block, *block.get("oneOf", [])]
+    properties = {key: value for form in forms for key, value in form.get("properties", {}).items()}
     if keys[0].endswith("[]"):
         items = [part["items"] for part in parts(properties[keys[0][:-2]])]
         return any(is_path_of(item, keys[1:]) for item in items)

@@ -21,6 +21,8 @@ LEVELS = {
 }
 # What is missing of a pair is missing in one direction, as behind what stands before the scanner.
 OPTIONS = {"partial_overlap": {"overlap_shape": "sector"}}
+AS_DIAGNOSED = {key: value for of in OPTIONS.values() for key, value in of.items()}
+"""Options of an estimator with which the causes act as they do here."""
 FINE = 4  # levels between two that are tried
 # Times the change that the largest level makes: a pair may have less of what the cause leaves.
 BEYOND = (1.25, 1.5, 2.0, 3.0, 4.0)

@@ -7,7 +7,9 @@ from icpshap.diagnosis.diagnose import Known, diagnose
 from icpshap.diagnosis.diagnostics import NUMBERS
 from icpshap.explanation.directions import VECTOR, in_words
 
-NEIGHBOURS = 16  # pairs before and behind that a pair is held against: a drive goes elsewhere
+# Pairs that a pair is held against, none of them farther than that in the order of the sequence: a
+# drive goes elsewhere.
+NEIGHBOURS = 16
 
 
 def table(loads, streams):

@@ -1,10 +1,10 @@
 """What an explanation knows of a pair of scans besides its runs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from icpshap.tables import TRANSFORM
+from icpshap.tables import PLAYED, TRANSFORM
 
 
 @dataclass(frozen=True)
@@ -13,7 +13,8 @@ class ScanPair:
 
     characteristic_length [m]: L, the root mean square distance of the overlapping source points
     beyond the chain's minimum range from their centroid, at which a rotation counts as what it
-    moves; T_reference_source (4, 4): the true pose.
+    moves; T_reference_source (4, 4): the true pose. played: where instances are diagnosed, the
+    indices of the pair that all this is of, and (-1, -1) where nothing was played.
     """
 
     sequence: str
@@ -21,6 +22,7 @@ class ScanPair:
     source: int
     characteristic_length: float
     T_reference_source: np.ndarray
+    played: tuple[int, int] | None = None
 
     @classmethod
     def of(cls, row):
@@ -33,10 +35,17 @@ class ScanPair:
             np.array([getattr(row, name) for name in TRANSFORM]).reshape(4, 4),
         )
 
+    def standing_for(self, pair):
+        """The same under the indices of another pair, whose instance is played on this one."""
+        reference, source = pair
+        played = (self.reference, self.source)
+        return replace(self, reference=reference, source=source, played=played)
+
     @property
     def columns(self):
         """The columns that name the pair in every table."""
-        return {"sequence": self.sequence, "reference": self.reference, "source": self.source}
+        named = {"sequence": self.sequence, "reference": self.reference, "source": self.source}
+        return named | (dict(zip(PLAYED, self.played, strict=True)) if self.played else {})
 
     @property
     def to_reference_axes(self):

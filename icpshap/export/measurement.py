@@ -70,9 +70,10 @@ def read_covariances(path):
     if zipfile.is_zipfile(path):
         return Explanation.load(path).tables["covariances"]
     try:
-        table = storage.read_about(path).get("table")
+        about = storage.read_about(path)
     except storage.StorageError:
-        table = None
+        about = {}
+    table = about.get("table")
     if table != "covariances":
         found = "no such file" if not os.path.exists(path) else "another file"
         found = f"a table of {table}" if table else found
@@ -81,6 +82,12 @@ def read_covariances(path):
             "icpshap explain --save wrote.\n"
             "Hint: the workflow's lies in results/<experiment>/<sequence>/, and one of all "
             "sequences in results/<experiment>/."
+        )
+    if tables.is_here(about.get("plan")):
+        raise UserError(
+            f"{path}: of an experiment with `instances: here`, whose runs are of other pairs than "
+            "those that are explained, expected one whose covariances are those of its pairs.\n"
+            "Hint: an experiment with a fixed instance has them."
         )
     return tables.read(path, "covariances")
 

@@ -292,13 +292,13 @@ def table(numbers):
 def complete(numbers, uncertainty, off):
     """The fit table as soon as the clean settings have run.
 
-    numbers: fit_numbers table; uncertainty: the uncertainty table; off: value of each cause that is
-    off, by name.
+    numbers: fit_numbers table; uncertainty: the uncertainty table, by the pairs that were run; off:
+    value of each cause that is off, by name.
     """
     run = uncertainty[~uncertainty.again & (uncertainty.replicate == 0) & (uncertainty.n_runs > 0)]
     run = run.assign(largest_memory=run.groupby(PAIR).memory.transform("max"))
     run = run.merge(numbers[[*PAIR, "stop_rotation"]], on=PAIR, how="left")
-    clean = run[(run[list(off)] == list(off.values())).all(axis=1)]
+    clean = run[(run[list(off)] == list(off.values())).all(axis=1)].drop_duplicates(PAIR)
     judged = [
         (row, found)
         for row in clean.itertuples()

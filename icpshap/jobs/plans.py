@@ -121,8 +121,8 @@ class Plans:
 
     def estimator(self, experiment):
         """The estimator of an experiment, with the causes that it names."""
-        found = self.config.experiments[experiment]
-        return self.config.estimators[found.estimator].estimator.of_causes(found.causes)
+        causes_ = self.config.experiments[experiment].causes
+        return self.config.preset(experiment).estimator.of_causes(causes_)
 
     def variants(self, experiment):
         """Options of the causes of an experiment that are a variant, by name of the cause."""
@@ -228,7 +228,8 @@ class Plans:
             "minimum_overlap": self.config.perturbation.minimum_overlap,
             "minimum_range": estimator.perturbing.minimum_range,
             "code": self.code("check_pair", *estimator.plugins),
-            **self._counting(estimator),
+            # What is diagnosed of it need not be played on it.
+            **({} if found.measured else self._counting(estimator)),
         }
 
     def fit(self, experiment, sequence):
@@ -262,6 +263,32 @@ class Plans:
             "versions": versions(),
         }
 
+    def instances(self, experiment, sequence):
+        """That of what is played of each pair, where instances are diagnosed."""
+        found = self.config.experiments[experiment]
+        estimator = self.estimator(experiment)
+        return {
+            "sequence": sequence,
+            "diagnosis": digest(self.diagnosis(experiment, sequence)),
+            "levels": {name: list(levels) for name, levels in found.levels.items()},
+            "measured": list(found.measured),
+            **self._variants(experiment),
+            "estimator": estimator.decides(),
+            "minimum_overlap": self.config.perturbation.minimum_overlap,
+            "plugins": digests.plugin_names(estimator),
+            "seed": self.config.seed,
+            "code": self.code("find_instances", *estimator.plugins),
+            "versions": versions(),
+        }
+
+    def _here(self, experiment, sequence):
+        """What is diagnosed, as part of a plan, of which it is none where that is not explained."""
+        measured = self.config.experiments[experiment].measured
+        if not measured:
+            return {}
+        instances = digest(self.instances(experiment, sequence))
+        return {"measured": list(measured), "instances": instances}
+
     def _counting(self, estimator):
         """What decides how many points are left of a run, where a cause asks for that."""
         if not any(cause.counts_points for cause in estimator.causes.values()):
@@ -273,7 +300,7 @@ class Plans:
         found = self.config.experiments[experiment]
         return plan.jobs(
             found.pairs[sequence],
-            found.levels,
+            found.levels | plan.unknown_levels(found.measured),
             found.replicates,
             self.estimator(experiment).number_of_runs,
             self.config.runs_per_job,
@@ -294,6 +321,7 @@ class Plans:
         return {
             "sequence": sequence,
             "levels": {name: list(levels) for name, levels in found.levels.items()},
+            **self._here(experiment, sequence),
             "replicates": found.replicates,
             "estimator": estimator.decides(),
             **self._variants(experiment),
@@ -358,9 +386,10 @@ class Plans:
             "fit": digest(self.fit(experiment, sequence)),
             "off": {name: estimator.causes[name].off for name in found.causes},
             "levels": {name: list(levels) for name, levels in found.levels.items()},
+            **self._here(experiment, sequence),
             "returns": asdict(estimator.returned),
             **self._variants(experiment),
-            "method": options.values(self.config.estimators[found.estimator].method),
+            "method": options.values(self.config.preset(experiment).method),
             "plugins": digests.plugin_names(estimator),
             "seed": self.config.seed,
             "code": self.code("explain_sequence", *estimator.plugins),
@@ -372,6 +401,7 @@ class Plans:
         return {
             "experiment": experiment,
             "causes": list(found.causes),
+            **({"measured": list(found.measured)} if found.measured else {}),
             **self._variants(experiment),
             # A list: the order of the rows is part of the table.
             "sequences": [

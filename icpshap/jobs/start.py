@@ -10,7 +10,7 @@ import re
 from functools import partial
 from pathlib import Path
 
-from icpshap import storage
+from icpshap import storage, tables
 from icpshap.errors import UserError
 from icpshap.jobs import paths, plans
 from icpshap.jobs.paths import at
@@ -154,9 +154,10 @@ def _difference(about, table, plan, in_words):
 def _newly_registered(about, plan, planner):
     """Which pair of a job is registered by now and was not when the job ran, in words; or "".
 
-    Checks of pairs are no reason to register again, so that the workflow would not see it.
+    Checks of pairs are no reason to register again, so that the workflow would not see it. What is
+    diagnosed is: its plan says how much overlap is demanded.
     """
-    if "parts" not in plan:
+    if "parts" not in plan or tables.is_here(plan):
         return ""
     registered = {tuple(pair) for pair in about.get("registered", [])}
     for pair, *_ in plan["parts"]:
@@ -207,6 +208,9 @@ def _plans_of(planner, name, sequence):
     yield at(paths.FIT_NUMBERS, **names), "fit_numbers", lambda: planner.fit(name, sequence)
     diagnosis = at(paths.DIAGNOSIS, **names)
     yield diagnosis, "diagnosis", lambda: planner.diagnosis(name, sequence)
+    if planner.config.experiments[name].measured:
+        instances = at(paths.INSTANCES, **names)
+        yield instances, "instances", lambda: planner.instances(name, sequence)
     returns = planner.estimator(name).returned
     made = [
         (paths.RUNS, "runs", returns.samples),

@@ -4,7 +4,7 @@ Tables are shap, fit and what_if tables, and studies `study.Study`.
 """
 
 from icpshap.fit import checks
-from icpshap.report import effects, what_if
+from icpshap.report import effects, here, what_if
 from icpshap.report.study import contains_zero
 
 FIRST = 2  # remedies of the fit table that are told
@@ -13,7 +13,8 @@ FIRST = 2  # remedies of the fit table that are told
 def sentences(shap, fit, tried, study):
     """What to do, sentences; tried: the what_if table, or None."""
     found = [what_if.advice(tried, study)] if tried is not None else []
-    return [*found, *_remedies(fit), *_removal(shap, study)]
+    removed = here.advice(shap, study) if study.here else _removal(shap, study)
+    return [*found, *_remedies(fit), *removed]
 
 
 def _remedies(fit):

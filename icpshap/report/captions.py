@@ -7,7 +7,7 @@ tables, and studies `study.Study`.
 import numpy as np
 
 from icpshap.explanation import readings
-from icpshap.report import directions, doubts, effects, fit, pose_error, words
+from icpshap.report import directions, doubts, effects, fit, here, pose_error, words
 from icpshap.report.study import contains_zero, judged, pairs_of
 
 ALONE = "One cause has nothing to interact with."
@@ -121,7 +121,13 @@ def significance(table, study):
 def finding(table, directions_table, study):
     """The main finding of an experiment, after its name and its pairs."""
     told = found(table, directions_table, study)
-    return f"{study.name} ({which_pairs(table, study)}): {told}"
+    return f"{study.name} ({which_pairs(table, study)}{_explained_here(table, study)}): {told}"
+
+
+def _explained_here(table, study):
+    """What is explained of pairs that are diagnosed, after their names; "" of others."""
+    known = study.here and len(study.valued(table))
+    return f", {here.instances(table, study)}" if known else ""
 
 
 def found(table, directions_table, study):
@@ -132,7 +138,8 @@ def found(table, directions_table, study):
     before = "; ".join(filter(None, before))
     start = f"{broken} As it is: " * bool(broken) + f"{before}. As for f: " * bool(before)
     if len(study.valued(table)) == 0:
-        return " ".join([f"{start}no pair has a value.", *effects.shares(table, study)])
+        none = here.nothing(table) if study.here else ""
+        return " ".join([f"{start}{none or 'no pair has a value'}.", *effects.shares(table, study)])
     rows = {cause: study.present(table, cause) for cause in study.shown(table)}
     rows = {cause: part for cause, part in rows.items() if len(part)}
     if not rows:
@@ -332,12 +339,16 @@ def which_pairs(table, study):
     if len(pairs) == 1:
         return study.pair(next(pairs.itertuples()))
     names = ", ".join(study.title(sequence) for sequence in pairs.sequence.unique())
-    return f"{len(pairs)} pairs of {names}"
+    explained = len(pairs_of(study.valued(table))) if study.here else len(pairs)
+    some = f"{explained} of " * (0 < explained < len(pairs))
+    return f"{some}{len(pairs)} pairs of {names}"
 
 
 def which_instances(table, study):
     """The perturbations of a table in words."""
     shown = study.shown(table)
+    if study.here:
+        return here.instances(table, study)
     levels = table[[cause.name for cause in shown]].drop_duplicates()
     if len(levels) == 1:
         return f"at {words.describe_values(levels.iloc[0], shown)}"

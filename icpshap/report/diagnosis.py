@@ -104,14 +104,15 @@ def summary(table, pair_name):
     known = len(table) - unknown
     if named.empty:
         return f"Nothing stands out in any of {known} pairs, each beside the others.{left_out}"
-    parts = [f"{pair_name(row)}: {_short(row)}" for row in named.itertuples()]
+    parts = [f"{pair_name(row)}: {short(row)}" for row in named.itertuples()]
     return (
         f"Of {known} pairs {len(named)} stand{'s' * (len(named) == 1)} out beside the others: "
         f"{'; '.join(parts)}.{left_out}"
     )
 
 
-def _short(row):
+def short(row):
+    """What was found of a pair, with its levels."""
     names = row.causes.split(", ")
     if row.verdict == UNDECIDED:
         return " or ".join(words.titles(names))
@@ -130,7 +131,7 @@ def html(table, shaps, study):
         [
             study.pair(row),
             *(_standing(getattr(row, f"z_{name}")) for name in names),
-            _short(row) if row.verdict in (FOUND, UNDECIDED) else row.verdict,
+            short(row) if row.verdict in (FOUND, UNDECIDED) else row.verdict,
             "" if np.isnan(row.confidence) else probability(row.confidence),
             *shares,
         ]

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from icpshap.diagnosis.here import USUAL
 from icpshap.report import words
 from icpshap.report.study import pairs_of
 
@@ -51,6 +52,11 @@ KINDS = {
     "not_registered": Kind(
         "Pairs that were not registered",
         "Choose scans that overlap more; minimum_overlap says how much is demanded.",
+    ),
+    "not_explained": Kind(
+        "Pairs of which nothing is explained",
+        "Give the sequence more pairs of the same kind of place, or the pair an experiment with "
+        "fixed levels.",
     ),
     "unconverged": Kind(
         "The clean spread shows where the iteration stops",
@@ -134,10 +140,11 @@ def grouped(doubts):
 
 
 def _not_registered(table, study):
-    pairs = pairs_of(table).itertuples()
+    # Of a pair that is as the others there is nothing to explain.
+    pairs = [row for row in pairs_of(table).itertuples() if not row.reason.startswith(USUAL)]
     excluded = [f"{study.pair(row)} ({row.reason})" for row in pairs if row.reason]
-    text = f"Not registered: {', '.join(excluded)}."
-    return [Doubt("not_registered", text)] if excluded else []
+    kind, word = ("not_explained", "explained") if study.here else ("not_registered", "registered")
+    return [Doubt(kind, f"Not {word}: {', '.join(excluded)}.")] if excluded else []
 
 
 def _remarks(table, study):

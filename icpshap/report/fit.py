@@ -18,7 +18,7 @@ def misfits(table, study):
         return ""
     found = []
     for text, rows in wrong.groupby("misfit", sort=False):
-        pairs = [study.pair(row) for row in pairs_of(rows).itertuples()]
+        pairs = dict.fromkeys(study.run_pair(row) for row in pairs_of(rows).itertuples())
         several = len(pairs_of(table)) > 1
         found.append(f"{', '.join(pairs)}: {text}" if several else text)
     return f"The settings do not fit the scans, which breaks this answer. {' '.join(found)}"

@@ -8,7 +8,7 @@ from icpshap import estimators
 from icpshap.causes import players, variants_of
 from icpshap.explanation.readings import READINGS
 from icpshap.options import values
-from icpshap.tables import PAIR
+from icpshap.tables import NO_PAIR, PAIR
 
 
 @dataclass(frozen=True)
@@ -18,8 +18,8 @@ class Study:
     causes: names, in the order of the registry; dependence: couples [a, b] of them, a figure each
     of the Shapley value of a, coloured by b; titles: names of sequences by their keys; waterfall:
     the instance shown alone, a value for each cause; variants: options of the causes that are a
-    variant, by name of the cause; options: those of the estimator's kind. The rest are keys of the
-    configuration.
+    variant, by name of the cause; options: those of the estimator's kind; here: whether instances
+    are the levels that are diagnosed of each pair. The rest are keys of the configuration.
     """
 
     name: str
@@ -35,6 +35,7 @@ class Study:
     waterfall: dict | None = None
     variants: dict = field(default_factory=dict)
     options: dict = field(default_factory=dict)
+    here: bool = False
 
     @classmethod
     def of(cls, name, estimator, preset, causes, **shown):
@@ -93,6 +94,12 @@ class Study:
     def pair(self, row):
         """Name of the pair of scans in a row of a table."""
         return f"{self.title(row.sequence)} {row.reference}–{row.source}"
+
+    def run_pair(self, row):
+        """Name of the pair that was run for a row of a shap table."""
+        if not self.here or row.played_reference == NO_PAIR:
+            return self.pair(row)
+        return f"{self.title(row.sequence)} {row.played_reference}–{row.played_source}"
 
     # --- rows and columns of a shap table ---------------------------------------------------------
 

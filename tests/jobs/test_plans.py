@@ -163,6 +163,58 @@ class TestVariants:
         assert "estimator" not in plans_of().pair(GRID, ROOM, (0, 1))
 
 
+class TestHere:
+    """What is diagnosed decides what is run, where it is explained, and nothing elsewhere."""
+
+    NAME, SEQUENCE = "tiny_fixed", "tiny_stairs"
+
+    def planner(self, more=lambda config: None):
+        def change(config):
+            config["data"][self.SEQUENCE]["scans"] = 4
+            config["experiments"][self.NAME] |= {"instances": "here", "figures": []}
+            config["experiments"][self.NAME]["sequences"] = [self.SEQUENCE]
+            more(config)
+
+        return plans_of(change)
+
+    def test_jobs_are_cut_before_there_is_a_diagnosis(self):
+        planner = self.planner()
+        jobs = planner.jobs(self.NAME, self.SEQUENCE)
+        assert sum(part.stop - part.start for job in jobs for part in job) == 3 * (2**3 + 1)
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            # Of other scans of the sequence, which a pair is diagnosed beside.
+            lambda config: config["data"]["tiny_stairs"].update(scans=5),
+            lambda config: config["perturbation"].update(minimum_overlap=0.3),
+        ],
+    )
+    def test_another_diagnosis_runs_all_again(self, change):
+        before, after = (
+            jobs(planner, self.NAME, self.SEQUENCE)
+            for planner in (self.planner(), self.planner(change))
+        )
+        assert not set(before) & set(after)
+
+    def test_the_plan_of_all_names_the_same_instances(self):
+        planner = self.planner()
+        instances = digest(planner.instances(self.NAME, self.SEQUENCE))
+        made = planner.instances(self.NAME, self.SEQUENCE)
+        assert made["diagnosis"] == digest(planner.diagnosis(self.NAME, self.SEQUENCE))
+        for plan in (
+            planner.job(self.NAME, self.SEQUENCE, 0),
+            planner.explanation(self.NAME, self.SEQUENCE),
+        ):
+            assert plan["instances"] == instances
+            assert plan["variants"] == {"partial_overlap": {"overlap_shape": "sector"}}
+
+    def test_others_know_nothing_of_it(self):
+        planner = plans_of()
+        for plan in (planner.job(GRID, ROOM, 0), planner.explanation(GRID, ROOM)):
+            assert "instances" not in plan and "measured" not in plan
+
+
 class TestTraining:
     """What an estimator learns from decides its numbers: other sequences, and not its own."""
 

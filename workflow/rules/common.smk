@@ -9,6 +9,7 @@ from dataclasses import asdict
 from icpshap import config as configuration, options, storage
 from icpshap.data import citation
 from icpshap.data.folder import find_files
+from icpshap.diagnosis.table import NEIGHBOURS
 from icpshap.errors import DataError, UserError
 from icpshap.jobs import digests, parents, paths, progress, start
 from icpshap.jobs.plans import Plans, is_settled
@@ -93,7 +94,7 @@ def experiments_that_return(samples, covariances):
     names = [
         name
         for name, experiment in CONFIG.experiments.items()
-        for returns in [CONFIG.estimators[experiment.estimator].estimator.returned]
+        for returns in [CONFIG.preset(name).estimator.returned]
         if (returns.samples, returns.covariances) == (samples, covariances)
     ]
     return "|".join(names) or "(?!)"
@@ -124,7 +125,7 @@ def experiment_of(wildcards):
 
 
 def preset_of(wildcards):
-    return CONFIG.estimators[experiment_of(wildcards).estimator]
+    return CONFIG.preset(experiment_of(wildcards).name)
 
 
 def estimator_of(wildcards):
@@ -154,9 +155,24 @@ def parts_of(wildcards):
     return jobs_of(wildcards)[int(wildcards.job)]
 
 
+def is_here(wildcards):
+    """Whether the instances of an experiment are diagnosed, and played on other pairs."""
+    return bool(experiment_of(wildcards).measured)
+
+
+def pairs_read(wildcards):
+    """The pairs that a job reads: those of its parts, or all that they may be played on."""
+    found = tuple(part.pair for part in parts_of(wildcards))
+    if not is_here(wildcards):
+        return found
+    known = pairs_of(wildcards)
+    first, last = (known.index(pair) for pair in (found[0], found[-1]))
+    return known[max(first - NEIGHBOURS, 0) : last + NEIGHBOURS + 1]
+
+
 def scans_of(wildcards):
     """Indices of the scans that a job reads."""
-    return sorted({index for part in parts_of(wildcards) for index in part.pair})
+    return sorted({index for pair in pairs_read(wildcards) for index in pair})
 
 
 def index_of(part):
@@ -220,7 +236,7 @@ def scans_of_job(wildcards):
 
 
 def overlaps_of_job(wildcards):
-    return [of_pair(paths.OVERLAP, wildcards, part.pair) for part in parts_of(wildcards)]
+    return [of_pair(paths.OVERLAP, wildcards, pair) for pair in pairs_read(wildcards)]
 
 
 def of_old(files, path, plan):
@@ -281,6 +297,26 @@ def plan_of_diagnosis(wildcards):
     return PLANS.diagnosis(wildcards.experiment, wildcards.sequence)
 
 
+def plan_of_instances(wildcards):
+    return PLANS.instances(wildcards.experiment, wildcards.sequence)
+
+
+def instances_for(template, plan):
+    """Input function: what is played of each pair, for a file of this template and plan(wildcards).
+
+    Nothing where the experiment has levels of its own.
+    """
+
+    def instances(wildcards):
+        if not is_here(wildcards):
+            return []
+        made = at(template, **dict(wildcards.items()))
+        known = [at(paths.INSTANCES, **dict(wildcards.items()))]
+        return of_old(known, made, plan(wildcards))
+
+    return instances
+
+
 def plan_of_job(wildcards):
     return PLANS.job(wildcards.experiment, wildcards.sequence, int(wildcards.job))
 
@@ -291,6 +327,10 @@ def estimates_template(wildcards):
 
 def poses_of_job(wildcards):
     return poses_for(estimates_template(wildcards), plan_of_job)(wildcards)
+
+
+def instances_of_job(wildcards):
+    return instances_for(estimates_template(wildcards), plan_of_job)(wildcards)
 
 
 def checks_of_job(wildcards):
@@ -412,6 +452,7 @@ def study_of(wildcards):
             dependence=experiment.dependence,
             titles={key: CONFIG.data[key].title for key in experiment.pairs},
             waterfall=experiment.waterfall,
+            here=bool(experiment.measured),
         )
     )
 
@@ -472,8 +513,11 @@ def scenes_of(experiment, scope, kind):
 
 
 def rankings_of(experiment, scope):
-    """Medians are of pairs; over the perturbations of a grid they would mean little."""
-    if any(len(levels) > 1 for levels in experiment.levels.values()):
+    """Medians are of pairs; over the perturbations of a grid they would mean little.
+
+    So they would over pairs that are wrong in different ways.
+    """
+    if experiment.measured or any(len(levels) > 1 for levels in experiment.levels.values()):
         return []
     return [at(paths.OUTLIER_RULES, scope=scope)]
 

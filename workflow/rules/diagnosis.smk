@@ -1,6 +1,7 @@
 """What is wrong with the pairs of a sequence, before anything is perturbed.
 
-Outputs: results/{experiment}/{sequence}/diagnosis.parquet,
+Outputs: results/{experiment}/{sequence}/diagnosis.parquet, of experiments that explain what is
+diagnosed results/{experiment}/{sequence}/instances.parquet,
 results/{experiment}/{sequence}/figures/diagnosis.{png,svg,txt}
 """
 
@@ -25,6 +26,31 @@ rule diagnose_sequence:
         scans=scans_of_pairs,
     script:
         "../scripts/diagnose_sequence.py"
+
+
+rule find_instances:
+    """Say what is played of each pair: the levels that were diagnosed, and on which pair."""
+    input:
+        diagnosis=paths.DIAGNOSIS,
+        scans=scan_files_of_pairs,
+        poses=poses_for(paths.INSTANCES, plan_of_instances),
+        overlaps=overlaps_of_pairs,
+    output:
+        paths.INSTANCES,
+    log:
+        "logs/find_instances/{experiment}/{sequence}.log",
+    benchmark:
+        "logs/find_instances/{experiment}/{sequence}.tsv"
+    priority: 10
+    threads: 1
+    resources:
+        mem_mb=memory_of_scans(300, 250),
+    params:
+        plan=plan_of_instances,
+        scans=scans_of_pairs,
+        overlaps=pairs_of,
+    script:
+        "../scripts/find_instances.py"
 
 
 rule draw_diagnosis:

@@ -12,6 +12,8 @@ rule explain_sequence:
     input:
         pairs=checks_of_pairs,
         fit=paths.FIT_NUMBERS,
+        instances=lambda wildcards: [at(paths.INSTANCES, **dict(wildcards.items()))]
+        * is_here(wildcards),
         runs=runs_of_sequence,
         estimates=estimates_of_sequence,
     output:

@@ -64,6 +64,7 @@ rule run_icp:
         poses=poses_of_job,
         overlaps=overlaps_of_job,
         pairs=checks_of_job,
+        instances=instances_of_job,
         training=descriptors_of_job,
     output:
         runs=paths.RUNS,
@@ -79,6 +80,7 @@ rule run_icp:
     params:
         plan=plan_of_job,
         scans=scans_of,
+        overlaps=pairs_read,
     script:
         "../scripts/run_icp.py"
 

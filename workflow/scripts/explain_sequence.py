@@ -6,38 +6,40 @@ from icpshap import plan, tables
 from icpshap.estimators.kind import Returns
 from icpshap.explanation import games
 from icpshap.explanation.method import Method
-from icpshap.explanation.scan_pair import ScanPair
 from icpshap.fit import checks
-from icpshap.jobs import plans
+from icpshap.jobs import plans, played
 from icpshap.jobs.job import job
 
 
 def explain_sequence(paths, output, planned, jobs):
     causes = list(planned["off"])
-    instances = pd.DataFrame(plan.instances(planned["levels"]), columns=causes)
-    instances = instances.rename_axis("instance").reset_index()
     method = Method(**planned["method"], seed=planned["seed"])
     pairs = tables.read_all(paths.pairs, "pairs")
+    found = played.games(pairs, planned, paths.instances)
     for files in filter(None, (paths.runs, paths.estimates)):
         plans.check_estimates(files, jobs, planned, paths.pairs)
     runs, estimates = (tables.read_by_pair(paths[name], name) for name in ("runs", "estimates"))
+    pairs = played.described(pairs, found)
     made = {"pairs": [pairs], **{name: [] for name in games.Explanation._fields}}
-    made["resampled"] = [tables.empty("resampled", causes)]
-    for pair in pairs.itertuples():
-        indices = (pair.reference, pair.source)
+    made["resampled"] = [tables.empty("resampled", causes, planned)]
+    for indices, game in found.items():
+        instances = pd.DataFrame(plan.instances(game.levels), columns=causes)
+        instances = instances.rename_axis("instance").reset_index()
         returned = (runs.get(indices), estimates.get(indices))
         read_by = (planned["off"], Returns(**planned["returns"]), method)
-        arguments = (*returned, instances, *read_by, ScanPair.of(pair))
-        explained = games.explain(*arguments, pair.reason)._asdict()
+        arguments = (*returned, instances, *read_by, played.scan_pair(game, pairs, planned))
+        explained = games.explain(*arguments, game.reason)._asdict()
         for table, frame in explained.items():
             made[table].append(frame)
-        if pair.registered:
+        if not game.reason:
             made["resampled"].append(games.resampled_values(*arguments))
     joined = {table: pd.concat(frames, ignore_index=True) for table, frames in made.items()}
     plans.check(paths.fit, planned["fit"])
     numbers = tables.read(paths.fit, "fit_numbers")
-    joined["fit"] = checks.complete(numbers, joined["uncertainty"], planned["off"])
-    joined["shap"] = checks.marked(joined["shap"], joined["fit"])
+    run = played.as_run(joined["uncertainty"], planned)
+    joined["fit"] = checks.complete(numbers, run, planned["off"])
+    broken = checks.marked(played.as_run(joined["shap"], planned), joined["fit"]).misfit
+    joined["shap"] = joined["shap"].assign(misfit=broken)
     for table, frame in joined.items():
         tables.write(output[table], frame, table, planned, causes)
 

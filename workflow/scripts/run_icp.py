@@ -6,27 +6,29 @@ import pandas as pd
 from icpshap import estimators, plan, tables
 from icpshap.data.pair import read_pair
 from icpshap.estimators.perturb import Streams
-from icpshap.jobs import digests, plans
+from icpshap.jobs import digests, plans, played
 from icpshap.jobs.job import job
 
 
-def run_icp(paths, outputs, planned, scans):
+def run_icp(paths, outputs, planned, scans, overlaps):
     estimator = trained(paths.training, planned)
     found = {table: [] for table in outputs}
     points = dict(zip(scans, paths.scans, strict=True))
+    overlaps = dict(zip(overlaps, paths.overlaps, strict=True))
+    games = played.games(tables.read_all(paths.pairs, "pairs"), planned, paths.instances)
     registered = []
-    for part, overlap, pair in zip(planned["parts"], paths.overlaps, paths.pairs, strict=True):
-        part = plan.Part(tuple(part[0]), *part[1:])
-        if tables.read(pair, "pairs")["registered"].item():
-            clouds = [points[index] for index in part.pair]
-            of_pair = read_pair(*clouds, paths.poses, overlap, part.pair)
-            for table, frame in estimate(of_pair, part, estimator, planned).items():
+    for part in (plan.Part(tuple(pair), *ends) for pair, *ends in planned["parts"]):
+        game = games[part.pair]
+        if settings := game.settings(part, planned["replicates"]):
+            clouds = [points[index] for index in game.run]
+            of_pair = read_pair(*clouds, paths.poses, overlaps[game.run], game.run)
+            for table, frame in estimate(of_pair, settings, estimator, planned, game).items():
                 found[table].append(frame)
             registered.append(part.pair)
     about = {"data": digests.data_digests(*paths.scans), "registered": registered}
-    causes = list(planned["levels"])
+    causes = [*planned["levels"], *planned.get("measured", ())]
     for table, output in outputs.items():
-        frame = pd.concat(found[table]) if registered else tables.empty(table, causes)
+        frame = pd.concat(found[table]) if registered else tables.empty(table, causes, planned)
         tables.write(output, frame, table, planned, causes, **about)
 
 
@@ -40,19 +42,19 @@ def trained(paths, planned):
     return estimator.trained(tables.read_all(paths, "descriptors"), planned["sequence"])
 
 
-def estimate(pair, part, estimator, planned):
-    """The tables of one pair by name."""
-    settings = plan.settings(planned["levels"], planned["replicates"])[part.start : part.stop]
+def estimate(pair, settings, estimator, planned, game):
+    """The tables of a pair's settings by name, with the indices of the pair whose game it is."""
     runs, estimates = estimators.estimate(
         pair,
         settings,
         estimator,
         np.array(planned["deviation"]),
-        Streams(planned["seed"], planned["sequence"], *part.pair),
+        Streams(planned["seed"], planned["sequence"], *game.run),
     )
-    reference, source = part.pair
+    named = dict(zip(("reference", "source"), game.pair, strict=True))
+    named |= dict(zip(tables.PLAYED, game.run, strict=True)) if tables.is_here(planned) else {}
     return {
-        name: table.assign(reference=reference, source=source)
+        name: table.assign(**named)
         for name, table in (("runs", runs), ("estimates", estimates))
         if table is not None
     }
@@ -61,4 +63,4 @@ def estimate(pair, part, estimator, planned):
 if __name__ == "__main__":
     with job(snakemake, __file__):
         outputs, params = dict(snakemake.output.items()), snakemake.params
-        run_icp(snakemake.input, outputs, params.plan, params.scans)
+        run_icp(snakemake.input, outputs, params.plan, params.scans, params.overlaps)
