@@ -29,9 +29,17 @@ localrules:
     checksums,
     compare_with_paper,
     draw_diagnosis,
+    draw_figure,
+    draw_scene,
+    join_estimators,
     join_sequences,
+    join_what_if,
+    median_table,
     provenance,
+    read_poses,
+    register_poses,
     report,
+    simulate_poses,
 
 
 rule all:

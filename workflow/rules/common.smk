@@ -104,7 +104,7 @@ wildcard_constraints:
     experiment="[a-z][a-z0-9_]*",
     # An experiment, or one sequence of it.
     scope="[a-z][a-z0-9_]*(/[a-z][a-z0-9_]*)?",
-    index=r"\d+",
+    batch=r"\d+",
     reference=r"\d+",
     source=r"\d+",
     job=r"\d+",
@@ -154,31 +154,29 @@ def parts_of(wildcards):
     return jobs_of(wildcards)[int(wildcards.job)]
 
 
-def scans_of(wildcards):
-    """Indices of the scans that a job reads."""
-    return sorted({index for part in parts_of(wildcards) for index in part.pair})
+def pairs_of_job(wildcards):
+    """The pairs of a job that estimates poses."""
+    return [part.pair for part in parts_of(wildcards)]
 
 
-def index_of(part):
-    """Index of the scan that a part of a simulated sequence is; None for its poses."""
-    return None if part == "poses" else int(part.removeprefix("scan_"))
+def pairs_of_batch(wildcards):
+    """The pairs of a job that measures and checks them."""
+    return PLANS.batches(wildcards.experiment, wildcards.sequence)[int(wildcards.batch)]
 
 
-def plan_of_part(wildcards):
-    index = index_of(wildcards.part)
-    if index is None:
-        return PLANS.poses(wildcards.sequence)
-    return PLANS.scan(wildcards.sequence, index)
+def pairs_of_registrations(wildcards):
+    """The pairs of a job that makes poses by registering them."""
+    references = PLANS.registration_batches(wildcards.sequence)[int(wildcards.batch)]
+    return [(index, index + 1) for index in references]
 
 
-def scans_until(wildcards):
-    """How many poses a part of a simulated sequence needs: a scan those up to its own."""
-    index = index_of(wildcards.part)
-    return sequence_of(wildcards).scans if index is None else index + 1
+def pair_of_scene(wildcards):
+    return [(int(wildcards.reference), int(wildcards.source))]
 
 
-def pair_of(wildcards):
-    return int(wildcards.reference), int(wildcards.source)
+def indices_of_scans(wildcards):
+    """The scans of a file of them."""
+    return PLANS.scan_batches(wildcards.sequence)[int(wildcards.batch)]
 
 
 def code(rule):
@@ -200,36 +198,51 @@ def plugins_of(wildcards):
 # --- files -----------------------------------------------------------------------------------------
 
 
-def of_pair(template, wildcards, pair):
-    """The file of a pair of a job's sequence (and experiment)."""
-    reference, source = pair
-    return at(template, **dict(wildcards.items()), reference=reference, source=source)
+def scans_for(pairs_of):
+    """Input function: the files of the scans of pairs_of(wildcards)."""
+
+    def files(wildcards):
+        indices = {index for pair in pairs_of(wildcards) for index in pair}
+        batches = PLANS.scan_batches(wildcards.sequence)
+        size = len(batches[0])
+        found = sorted({index // size for index in indices})
+        return [at(paths.SCANS, sequence=wildcards.sequence, batch=batch) for batch in found]
+
+    return files
 
 
-def scan_of_pair(role):
-    """Input function: the reference or the source scan of a pair's job."""
-    return lambda wildcards: at(paths.SCAN, sequence=wildcards.sequence, index=wildcards[role])
+def checks_for(template, pairs_of):
+    """Input function: the files that tell of each of pairs_of(wildcards) what a check found."""
+
+    def files(wildcards):
+        names = {"experiment": wildcards.experiment, "sequence": wildcards.sequence}
+        batch_of = PLANS.batch_of(**names)
+        found = sorted({batch_of[pair] for pair in pairs_of(wildcards)})
+        return [at(template, **names, batch=batch) for batch in found]
+
+    return files
 
 
 def local_archive(wildcards):
     return sequence_of(wildcards).archive.get("path", [])
 
 
-def scans_of_job(wildcards):
-    return [at(paths.SCAN, sequence=wildcards.sequence, index=k) for k in scans_of(wildcards)]
+def of_old(template, plan, files):
+    """Input function: files(wildcards), but for a file that is there and has its plan as `ancient`.
 
-
-def overlaps_of_job(wildcards):
-    return [of_pair(paths.OVERLAP, wildcards, part.pair) for part in parts_of(wildcards)]
-
-
-def of_old(files, path, plan):
-    """Input files of which a newer one is no reason to make `path` again if its plan is the same.
-
-    More scans make the poses anew, and another smallest overlap the checks of pairs. Only then are
-    they `ancient`, since what depends on ancient files alone is not looked at any further.
+    A plan says all that decides a file. What else is made anew with its inputs, such as the scans
+    of other pairs in one file with its own, or the checks of pairs for another smallest overlap,
+    is no reason to make it again.
     """
-    return [ancient(file) for file in files] if is_settled(path, plan) else files
+
+    def inputs(wildcards):
+        made = template(wildcards) if callable(template) else template
+        found = files(wildcards)
+        if not is_settled(at(made, **dict(wildcards.items())), plan(wildcards)):
+            return found
+        return ancient(found) if isinstance(found, str) else [ancient(file) for file in found]
+
+    return inputs
 
 
 def scan_names(wildcards):
@@ -239,6 +252,17 @@ def scan_names(wildcards):
     return [os.path.relpath(path, folder) for path in scans]
 
 
+def files_of_scans(wildcards):
+    """The scan files of a folder that a job reads."""
+    files, _ = FOLDER_FILES[wildcards.sequence]
+    return [files[index] for index in indices_of_scans(wildcards)]
+
+
+def memory_of_files(wildcards, input):
+    """Resource mem_mb of reading the scan files of a folder one by one."""
+    return 300 + round(10 * max(map(os.path.getsize, input)) / 1e6)
+
+
 def memory_of_poses(wildcards):
     """Resource mem_mb of reading poses, which may ask two scans where quaternions have qw."""
     return 500 + round(20 * max(map(os.path.getsize, FOLDER_FILES[wildcards.sequence][0])) / 1e6)
@@ -246,35 +270,20 @@ def memory_of_poses(wildcards):
 
 def registrations_of(wildcards):
     """The registrations of the consecutive scans of a sequence."""
-    scans = sequence_of(wildcards).scans
-    return [of_pair(paths.REGISTRATION, wildcards, (k, k + 1)) for k in range(scans - 1)]
+    batches = range(len(PLANS.registration_batches(wildcards.sequence)))
+    return [at(paths.REGISTRATIONS, sequence=wildcards.sequence, batch=k) for k in batches]
 
 
-def poses_for(template, plan):
-    """Input function: the poses, for a file of this template and plan(wildcards)."""
-
-    def poses(wildcards):
-        made = at(template, **dict(wildcards.items()))
-        known = [at(paths.POSES, sequence=wildcards.sequence)]
-        return of_old(known, made, plan(wildcards))[0]
-
-    return poses
+def poses_of(wildcards):
+    return at(paths.POSES, sequence=wildcards.sequence)
 
 
-def plan_of_scan(wildcards):
-    return PLANS.scan(wildcards.sequence, int(wildcards.index))
+def plan_of_scans(wildcards):
+    return PLANS.scans(wildcards.sequence, int(wildcards.batch))
 
 
-def plan_of_overlap(wildcards):
-    return PLANS.overlap(wildcards.sequence, pair_of(wildcards))
-
-
-def plan_of_pair(wildcards):
-    return PLANS.pair(wildcards.experiment, wildcards.sequence, pair_of(wildcards))
-
-
-def plan_of_fit(wildcards):
-    return PLANS.fit(wildcards.experiment, wildcards.sequence)
+def plan_of_checks(wildcards):
+    return PLANS.checks(wildcards.experiment, wildcards.sequence, int(wildcards.batch))
 
 
 def plan_of_diagnosis(wildcards):
@@ -289,20 +298,6 @@ def estimates_template(wildcards):
     return paths.RUNS if returns_of(wildcards).samples else paths.ESTIMATES
 
 
-def poses_of_job(wildcards):
-    return poses_for(estimates_template(wildcards), plan_of_job)(wildcards)
-
-
-def checks_of_job(wildcards):
-    checks = [of_pair(paths.PAIR, wildcards, part.pair) for part in parts_of(wildcards)]
-    made = at(estimates_template(wildcards), **dict(wildcards.items()))
-    return of_old(checks, made, plan_of_job(wildcards))
-
-
-def checks_of_pairs(wildcards):
-    return [of_pair(paths.PAIR, wildcards, pair) for pair in pairs_of(wildcards)]
-
-
 def descriptors_of_job(wildcards):
     """What the estimator of a job learns from: the other sequences of another experiment."""
     experiment, sequence = wildcards.experiment, wildcards.sequence
@@ -311,21 +306,6 @@ def descriptors_of_job(wildcards):
         at(paths.DESCRIPTORS, experiment=training, sequence=other)
         for other in PLANS.training_sequences(experiment, sequence)
     ]
-
-
-def scan_files_of_pairs(wildcards):
-    """The scans of all pairs of a sequence, in the order of their indices."""
-    scans = scans_of_pairs(wildcards)
-    return [at(paths.SCAN, sequence=wildcards.sequence, index=index) for index in scans]
-
-
-def overlaps_of_pairs(wildcards):
-    return [of_pair(paths.OVERLAP, wildcards, pair) for pair in pairs_of(wildcards)]
-
-
-def scans_of_pairs(wildcards):
-    """Indices of the scans of all pairs of a sequence."""
-    return sorted({index for pair in pairs_of(wildcards) for index in pair})
 
 
 def of_jobs(template, wildcards, jobs):
@@ -362,11 +342,18 @@ def memory_of_scans(base, per_million):
     """
 
     def mem_mb(wildcards, input):
-        scans = [path for path in input if re.search(r"scan_\d+[.]parquet$", path)]
-        points = max(storage.number_of_rows(path) for path in scans)
+        points = max(storage.largest_part(path) for path in input.scans)
         return base + round(per_million * points / 1e6)
 
     return mem_mb
+
+
+def tables_of_sequences(table):
+    """Input function: a table of each sequence of an experiment."""
+    return lambda wildcards: [
+        at(paths.OF_SEQUENCE, experiment=wildcards.experiment, sequence=sequence, table=table)
+        for sequence in experiment_of(wildcards).pairs
+    ]
 
 
 def shap_of_scope(wildcards):

@@ -8,9 +8,9 @@ results/{experiment}/{sequence}/figures/diagnosis.{png,svg,txt}
 rule diagnose_sequence:
     """Say which cause stands out in each pair of a sequence, beside the other pairs."""
     input:
-        scans=scan_files_of_pairs,
-        poses=poses_for(paths.DIAGNOSIS, plan_of_diagnosis),
-        overlaps=overlaps_of_pairs,
+        scans=of_old(paths.DIAGNOSIS, plan_of_diagnosis, scans_for(pairs_of)),
+        poses=of_old(paths.DIAGNOSIS, plan_of_diagnosis, poses_of),
+        overlaps=of_old(paths.DIAGNOSIS, plan_of_diagnosis, checks_for(paths.OVERLAPS, pairs_of)),
     output:
         paths.DIAGNOSIS,
     log:
@@ -22,7 +22,6 @@ rule diagnose_sequence:
         mem_mb=memory_of_scans(500, 900),
     params:
         plan=plan_of_diagnosis,
-        scans=scans_of_pairs,
     script:
         "../scripts/diagnose_sequence.py"
 

@@ -12,11 +12,14 @@ from icpshap.jobs import plans
 from icpshap.jobs.job import job
 
 
-def explain_sequence(paths, output, planned, jobs):
+def explain_sequence(paths, output, planned, jobs, checked):
     causes = list(planned["off"])
     instances = pd.DataFrame(plan.instances(planned["levels"]), columns=causes)
     instances = instances.rename_axis("instance").reset_index()
     method = Method(**planned["method"], seed=planned["seed"])
+    for files in (paths.pairs, paths.fit):
+        for path, expected in zip(files, checked, strict=True):
+            plans.check(path, expected)
     pairs = tables.read_all(paths.pairs, "pairs")
     for files in filter(None, (paths.runs, paths.estimates)):
         plans.check_estimates(files, jobs, planned, paths.pairs)
@@ -34,8 +37,7 @@ def explain_sequence(paths, output, planned, jobs):
         if pair.registered:
             made["resampled"].append(games.resampled_values(*arguments))
     joined = {table: pd.concat(frames, ignore_index=True) for table, frames in made.items()}
-    plans.check(paths.fit, planned["fit"])
-    numbers = tables.read(paths.fit, "fit_numbers")
+    numbers = tables.read_all(paths.fit, "fit_numbers")
     joined["fit"] = checks.complete(numbers, joined["uncertainty"], planned["off"])
     joined["shap"] = checks.marked(joined["shap"], joined["fit"])
     for table, frame in joined.items():
@@ -45,4 +47,5 @@ def explain_sequence(paths, output, planned, jobs):
 if __name__ == "__main__":
     with job(snakemake, __file__):
         params = snakemake.params
-        explain_sequence(snakemake.input, snakemake.output, params.plan, params.jobs)
+        given = (params.plan, params.jobs, params.checks)
+        explain_sequence(snakemake.input, snakemake.output, *given)

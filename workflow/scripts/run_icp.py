@@ -4,26 +4,29 @@ import numpy as np
 import pandas as pd
 
 from icpshap import estimators, plan, tables
-from icpshap.data.pair import read_pair
+from icpshap.data.pair import Pairs
 from icpshap.estimators.perturb import Streams
-from icpshap.jobs import digests, plans
+from icpshap.jobs import plans
 from icpshap.jobs.job import job
+from icpshap.jobs.progress import in_turn
 
 
-def run_icp(paths, outputs, planned, scans):
+def run_icp(paths, outputs, planned):
     estimator = trained(paths.training, planned)
     found = {table: [] for table in outputs}
-    points = dict(zip(scans, paths.scans, strict=True))
-    registered = []
-    for part, overlap, pair in zip(planned["parts"], paths.overlaps, paths.pairs, strict=True):
-        part = plan.Part(tuple(part[0]), *part[1:])
-        if tables.read(pair, "pairs")["registered"].item():
-            clouds = [points[index] for index in part.pair]
-            of_pair = read_pair(*clouds, paths.poses, overlap, part.pair)
-            for table, frame in estimate(of_pair, part, estimator, planned).items():
-                found[table].append(frame)
-            registered.append(part.pair)
-    about = {"data": digests.data_digests(*paths.scans), "registered": registered}
+    pairs = Pairs(paths.scans, paths.poses, paths.overlaps)
+    checked = tables.read_all(paths.pairs, "pairs").set_index(["reference", "source"])
+    parts = [plan.Part(tuple(pair), *ends) for pair, *ends in planned["parts"]]
+    registered = [part.pair for part in parts if checked["registered"][part.pair]]
+
+    def estimated(part):
+        return estimate(pairs.read(part.pair), part, estimator, planned)
+
+    for of_part in in_turn([part for part in parts if part.pair in registered], estimated, "pairs"):
+        for table, frame in of_part.items():
+            found[table].append(frame)
+    data = pairs.data([part.pair for part in parts])
+    about = {"data": data, "registered": registered}
     causes = list(planned["levels"])
     for table, output in outputs.items():
         frame = pd.concat(found[table]) if registered else tables.empty(table, causes)
@@ -60,5 +63,4 @@ def estimate(pair, part, estimator, planned):
 
 if __name__ == "__main__":
     with job(snakemake, __file__):
-        outputs, params = dict(snakemake.output.items()), snakemake.params
-        run_icp(snakemake.input, outputs, params.plan, params.scans)
+        run_icp(snakemake.input, dict(snakemake.output.items()), snakemake.params.plan)
