@@ -10,7 +10,7 @@ from snakemake.utils import min_version
 min_version("9.0")
 
 
-configfile: f"{workflow.basedir}/config.yaml"
+configfile: str(workflow.current_basedir.join("config.yaml").get_path_or_uri(secret_free=True))
 
 
 include: "workflow/rules/common.smk"

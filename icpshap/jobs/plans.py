@@ -116,10 +116,12 @@ class Plans:
         self.config = config
         self.files = files
         self.code = code
+        self._measuring = digests.code_digest(pair_module.__file__)
         self.job = cache(self._job)
         self.jobs = cache(self._jobs)
         self.overlap = cache(self._overlap)
         self.scan = cache(self._scan)
+        self.checks = cache(self._checks_of_batch)
         self.batches = cache(self._batches)
         self.batch_of = cache(self._batch_of)
         self.explanation = cache(self._explanation)
@@ -251,7 +253,7 @@ class Plans:
             "scans": [digest(self.scan(sequence, index)) for index in pair],
             "poses": digest(self._truth(sequence, pair)),
             "distance": self.config.perturbation.overlap_distance,
-            "code": digests.code_digest(pair_module.__file__),
+            "code": self._measuring,
             "versions": versions(),
         }
 
@@ -265,7 +267,7 @@ class Plans:
         batches = enumerate(self.batches(experiment, sequence))
         return {pair: number for number, pairs in batches for pair in pairs}
 
-    def checks(self, experiment, sequence, batch):
+    def _checks_of_batch(self, experiment, sequence, batch):
         """That of what is known of the pairs of a job before they are registered.
 
         It decides no registration.

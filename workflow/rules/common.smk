@@ -6,6 +6,28 @@ import sys
 import time
 from dataclasses import asdict
 
+import yaml
+from snakemake.sourcecache import LocalSourceFile
+from snakemake.utils import update_config
+
+RULES = workflow.current_basedir
+
+
+def source(path):
+    """A file of this workflow, wherever that is taken from: of a hosted one, Snakemake's copy."""
+    file = RULES.join(f"../../{path}")
+    if isinstance(file, LocalSourceFile):
+        return os.path.abspath(file.get_path_or_uri(secret_free=True))
+    return str(workflow.sourcecache.get_path(file))
+
+
+ROOT = os.path.dirname(source("config.yaml"))
+# As a module of another workflow, this is not where Python looks for the library.
+IS_MODULE = workflow.modifier.is_module and not workflow.modifier.is_main_snakefile()
+if IS_MODULE and os.path.isdir(f"{ROOT}/icpshap"):
+    sys.path.insert(0, ROOT)
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [ROOT, os.environ.get("PYTHONPATH")]))
+
 from icpshap import config as configuration, options, storage
 from icpshap.data import citation
 from icpshap.data.folder import find_files
@@ -16,10 +38,17 @@ from icpshap.jobs.paths import at
 from icpshap.jobs.provenance import commit
 from icpshap.report.study import Study
 
+WHOLE_CONFIG = config
+if IS_MODULE:
+    # Its block of configuration is laid over the paper's, as a file of a user's own is.
+    with open(source("config.yaml"), encoding="utf-8") as file:
+        WHOLE_CONFIG = yaml.safe_load(file)
+    update_config(WHOLE_CONFIG, config)
+
 try:
     for path in workflow.configfiles:
         configuration.check_file(path)
-    CONFIG = configuration.load(config)
+    CONFIG = configuration.load(WHOLE_CONFIG)
 except configuration.ConfigError as error:
     raise WorkflowError(str(error)) from None
 
@@ -56,16 +85,14 @@ for key in CONFIG.sequences:
 PLANS = Plans(
     CONFIG,
     FOLDER_FILES,
-    lambda script, *plugins: digests.code_digest(
-        f"{workflow.basedir}/workflow/scripts/{script}.py", plugins
-    ),
+    lambda script, *plugins: digests.code_digest(source(f"workflow/scripts/{script}.py"), plugins),
 )
 
 # Jobs are parallel by processes; a library that starts threads of its own only gets in their way.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[variable] = "1"
 # All folders that use a clone share its caches, unless it can only be read.
-CACHES = f"{workflow.basedir if os.access(workflow.basedir, os.W_OK) else os.getcwd()}/.cache"
+CACHES = f"{ROOT if os.access(ROOT, os.W_OK) else os.getcwd()}/.cache"
 os.environ.setdefault("NUMBA_CACHE_DIR", f"{CACHES}/numba")
 os.environ.setdefault("MPLCONFIGDIR", f"{CACHES}/matplotlib")
 # Figures are drawn into files; no window may open.
@@ -181,12 +208,12 @@ def indices_of_scans(wildcards):
 
 def code(rule):
     """Digest of the library modules that a rule's script imports: editing them runs it again."""
-    return digests.code_digest(f"{workflow.basedir}/workflow/scripts/{rule}.py")
+    return digests.code_digest(source(f"workflow/scripts/{rule}.py"))
 
 
 def code_of_experiment(rule):
     """The same with the causes and the estimator of the job's experiment, and no others."""
-    script = f"{workflow.basedir}/workflow/scripts/{rule}.py"
+    script = source(f"workflow/scripts/{rule}.py")
     return lambda wildcards: digests.code_digest(script, estimator_of(wildcards).plugins)
 
 
@@ -237,8 +264,9 @@ def of_old(template, plan, files):
 
     def inputs(wildcards):
         made = template(wildcards) if callable(template) else template
+        made = at(made, **dict(wildcards.items()))
         found = files(wildcards)
-        if not is_settled(at(made, **dict(wildcards.items())), plan(wildcards)):
+        if not os.path.exists(made) or not is_settled(made, plan(wildcards)):
             return found
         return ancient(found) if isinstance(found, str) else [ancient(file) for file in found]
 
@@ -532,7 +560,7 @@ def plugins_of_estimators(wildcards):
 
 def code_of_estimators(rule):
     """Digest of a rule's script with the causes and the kinds of all of its estimators."""
-    script = f"{workflow.basedir}/workflow/scripts/{rule}.py"
+    script = source(f"workflow/scripts/{rule}.py")
     return lambda wildcards: digests.code_digest(
         script, digests.plugins(plugins_of_estimators(wildcards))
     )
@@ -584,7 +612,7 @@ def compared_sections():
     Without those of several estimators, which have a figure of their own.
     """
     apart = {part for name in CONFIG.joined for part in CONFIG.by_estimator[name].values()}
-    with open(f"{workflow.basedir}/reference/table1.csv", encoding="utf-8") as table:
+    with open(source("reference/table1.csv"), encoding="utf-8") as table:
         known = {row["sequence"] for row in csv.DictReader(table)}
     return [
         section
