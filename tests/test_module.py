@@ -2,20 +2,22 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 
+import pytest
 import yaml
 from conftest import REPOSITORY
-from project import TINY
+from project import CODE, TINY
 
-SNAKEFILE = f"""
+SNAKEFILE = """
 configfile: "mine.yaml"
 
 
 module icpshap:
     snakefile:
-        "{REPOSITORY}/Snakefile"
+        {snakefile}
     config:
         config["icpshap"]
 
@@ -33,12 +35,22 @@ rule mine:
 """
 
 
-def run(folder, *arguments):
-    """What snakemake says there; the library is found by nothing but the module."""
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with the configuration of a workflow that has a block for the module."""
+    tiny = {**yaml.safe_load(TINY.read_text()), "run": ["tiny_grid"], "sequences": ["tiny_room"]}
+    # Nothing of the paper's configuration stands in it.
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump({"icpshap": tiny, "of_mine": 1}))
+    return tmp_path
+
+
+def run(folder, *arguments, **environment):
+    """What snakemake says there."""
+    usual = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     done = subprocess.run(
         [sys.executable, "-m", "snakemake", "-j1", *arguments],
         cwd=folder,
-        env={key: value for key, value in os.environ.items() if key != "PYTHONPATH"},
+        env={**usual, **environment},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -47,13 +59,37 @@ def run(folder, *arguments):
     return done.stdout
 
 
-def test_another_workflow_uses_this_one(tmp_path):
-    (tmp_path / "Snakefile").write_text(SNAKEFILE)
-    # Nothing of the paper's configuration that it is laid over stands here.
-    tiny = {**yaml.safe_load(TINY.read_text()), "run": ["tiny_grid"], "sequences": ["tiny_room"]}
-    (tmp_path / "mine.yaml").write_text(yaml.safe_dump({"icpshap": tiny, "of_mine": 1}))
-    said = run(tmp_path, "-n")
+def hosted(folder):
+    """A repository as Snakemake keeps one of GitHub, below a cache folder; and its commit."""
+    source, cache = folder / "source", folder / "cache"
+    source.mkdir()
+    for part in CODE:
+        copy = shutil.copytree if (REPOSITORY / part).is_dir() else shutil.copy
+        copy(REPOSITORY / part, source / part)
+
+    def git(*arguments):
+        return subprocess.run(["git", *arguments], check=True, capture_output=True, text=True)
+
+    git("init", "-q", source)
+    git("-C", source, "add", "-A")
+    git("-C", source, "-c", "user.name=a", "-c", "user.email=a@b", "commit", "-qm", "all")
+    kept = cache / "snakemake/snakemake/source-cache/snakemake-git-cache/github.com/owner/name"
+    git("clone", "-q", "--bare", source, kept)
+    return cache, git("-C", source, "rev-parse", "HEAD").stdout.strip()
+
+
+def test_of_a_clone_the_module_brings_the_library(folder):
+    (folder / "Snakefile").write_text(SNAKEFILE.format(snakefile=f'"{REPOSITORY}/Snakefile"'))
+    said = run(folder, "-n")
     planned = {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", said, re.M)}
     assert planned["run_icp"] > 1 and planned["report"] == planned["explain_sequence"] == 1
-    run(tmp_path, "mine.txt")
-    assert (tmp_path / "mine.txt").read_text() == "resources/tiny_room/scans/0.parquet\n"
+    run(folder, "mine.txt")
+    assert (folder / "mine.txt").read_text() == "resources/tiny_room/scans/0.parquet\n"
+
+
+def test_of_github_where_the_library_is_installed(folder):
+    cache, commit = hosted(folder)
+    snakefile = f'github("owner/name", path="workflow/Snakefile", commit="{commit}")'
+    (folder / "Snakefile").write_text(SNAKEFILE.format(snakefile=snakefile))
+    run(folder, "mine.txt", XDG_CACHE_HOME=str(cache), PYTHONPATH=str(REPOSITORY))
+    assert (folder / "mine.txt").read_text() == "resources/tiny_room/scans/0.parquet\n"
