@@ -5,58 +5,9 @@ snakemake -j2 --configfile config/demo.yaml         both experiments on simulate
 snakemake -j2 --config 'sequences=[stairs]'         one sequence
 """
 
-from snakemake.utils import min_version
 
-min_version("9.0")
-
-
-configfile: f"{workflow.basedir}/config.yaml"
+include: "workflow/Snakefile"
 
 
-include: "workflow/rules/common.smk"
-include: "workflow/rules/data.smk"
-include: "workflow/rules/diagnosis.smk"
-include: "workflow/rules/registration.smk"
-include: "workflow/rules/training.smk"
-include: "workflow/rules/explanation.smk"
-include: "workflow/rules/figures.smk"
-include: "workflow/rules/report.smk"
-include: "workflow/rules/progress.smk"
-
-
-localrules:
-    all,
-    checksums,
-    compare_with_paper,
-    draw_diagnosis,
-    join_sequences,
-    provenance,
-    report,
-
-
-rule all:
-    """Everything that the selected experiments make of the selected sequences."""
-    default_target: True
-    input:
-        targets(),
-        paths.CHECKSUMS,
-
-
-onstart:
-    CTRL_C.has_jobs = True
-    if any(CONFIG.data[key].kind == "archive" for key in CONFIG.sequences):
-        logger.info(citation.NOTICE)
-
-
-onsuccess:
-    # Written by this run, that is, not by an earlier one with another selection.
-    if os.path.exists(paths.SUMMARY) and os.path.getmtime(paths.SUMMARY) > STARTED:
-        with open(paths.SUMMARY, encoding="utf-8") as summary:
-            print(summary.read())
-
-
-onerror:
-    if CTRL_C.pressed:
-        logger.error(progress.STOPPED)
-    elif JOB_LINES.failed:
-        logger.error(progress.failure(JOB_LINES.failed))
+# Else none is: what an included file says of it does not count.
+workflow.default_target = "all"

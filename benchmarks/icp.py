@@ -147,8 +147,8 @@ def write_tables(folder, scene, points):
     from icpshap.data.pair import Pair
 
     reference, source, T = simulated_pair(scene, points)
-    for name, cloud in (("reference", reference), ("source", source)):
-        tables.write(folder / f"{name}.parquet", tables.points_frame(cloud), "scan")
+    scans = [(0, reference, None, 0), (1, source, None, 0)]
+    tables.write_scans(folder / "scans.parquet", scans, {})
     np.savez(folder / "pair.npz", T=T, near=Pair.measured(reference, source, T, 0.2).overlapping)
 
 
@@ -205,7 +205,7 @@ def job(folder, kind, number=None):
 
     registration.KeptLinks.__call__ = timed
     given = np.load(folder / "pair.npz")
-    clouds = [tables.read_points(folder / f"{name}.parquet") for name in ("reference", "source")]
+    clouds = [tables.read_scan(folder / "scans.parquet", index)[0] for index in (0, 1)]
     pair = Pair(*clouds, given["T"], given["near"], 0.2)
     config = paper()
     causes = config.experiments["same_perturbation"].causes

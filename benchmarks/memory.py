@@ -80,8 +80,8 @@ def write_scans(folder, points):
     from icpshap import tables
 
     reference, source, T = benchmark.simulated_pair("apartment", points)
-    for name, cloud in (("reference", reference), ("source", source)):
-        tables.write(folder / f"{name}.parquet", tables.points_frame(cloud), "scan")
+    scans = [(0, reference, None, 0), (1, source, None, 0)]
+    tables.write_scans(folder / "scans.parquet", scans, {})
     np.save(folder / "T.npy", T)
 
 
@@ -101,7 +101,7 @@ def job(folder, *case):
     settings = planned(case.settings)
     causes = list(settings[0].values)
     start = time.perf_counter()
-    clouds = [tables.read_points(folder / f"{name}.parquet") for name in ("reference", "source")]
+    clouds = [tables.read_scan(folder / "scans.parquet", index)[0] for index in (0, 1)]
     overlapping = np.ones(len(clouds[1]), dtype=bool)  # measured by another rule
     pair = Pair(*clouds, np.load(folder / "T.npy"), overlapping, 0.2)
     runs, _ = estimators.estimate(

@@ -366,11 +366,11 @@ intervals, noise floor and warnings mean: [uncertainty.md](uncertainty.md).
 """
 
 PLACES = {
-    "scan": paths.SCAN,
-    "timed_scan": paths.SCAN,
+    "scans": paths.SCANS,
+    "timed_scans": paths.SCANS,
     "poses": paths.POSES,
-    "registrations": paths.REGISTRATION,
-    "overlap": paths.OVERLAP,
+    "registrations": paths.REGISTRATIONS,
+    "overlaps": paths.OVERLAPS,
     "fit_numbers": paths.FIT_NUMBERS,
     "diagnosis": paths.DIAGNOSIS,
     "instances": paths.INSTANCES,
@@ -379,11 +379,11 @@ PLACES = {
     "descriptors": paths.DESCRIPTORS,
 }
 ROWS = {
-    "scan": "a point",
-    "timed_scan": "a point of a scan whose file says when it was measured",
+    "scans": "a point",
+    "timed_scans": "a point of a scan whose file says when it was measured",
     "poses": "a scan",
     "registrations": "two consecutive scans; there is one, where ICP makes the poses",
-    "overlap": "a source point, in the order of its scan",
+    "overlaps": "a source point of a pair, in the order of its scan",
     "pairs": "a pair, registered or not",
     "fit_numbers": "a pair: what the checks of how the settings fit the scans are made from",
     "diagnosis": "a pair: what is wrong with it, beside the other pairs of the sequence",

@@ -10,6 +10,12 @@ from typing import NamedTuple
 
 from icpshap import causes
 
+# Of a sequence, in one job: scans that are read or simulated, pairs that are measured and checked,
+# and pairs that are registered to make the poses. Each is a minute or a few of large scans.
+SCANS_PER_JOB = 100
+PAIRS_PER_JOB = 100
+REGISTRATIONS_PER_JOB = 20
+
 
 @dataclass(frozen=True)
 class Setting:
@@ -111,6 +117,11 @@ def jobs(pairs, levels, replicates, runs, runs_per_job):
             first, _ = found[-1].get(pair, (start, stop))
             found[-1][pair] = first, stop
     return [[Part(pair, *ends) for pair, ends in job.items()] for job in found]
+
+
+def batches(items, size):
+    """A list cut into lists of `size` items; more items at its end change no list but the last."""
+    return [items[start : start + size] for start in range(0, len(items), size)]
 
 
 def _by_reference(players):

@@ -1,13 +1,15 @@
 """Parquet files that cannot be wrong in silence: whole or absent, and checked when they are read.
 
 Pages carry checksums; a digest over schema, metadata and values covers what these do not (the
-footer). A file is written beside its place, brought to the disk and renamed.
+footer). A file is written beside its place, brought to the disk and renamed. A file in parts holds
+several tables of one kind, such as the scans that a job read, of which each is read by itself.
 """
 
 import errno
 import hashlib
 import json
 import os
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -36,40 +38,64 @@ def write(path, table, about):
     told = json.dumps(about, sort_keys=True).encode()
     digests = {DIGEST: _digest(table, told), ABOUT_DIGEST: _digest_of(told)}
     table = table.replace_schema_metadata({ABOUT: told, **digests})
-    path = Path(path)
-    temporary = path.with_name(path.name + ".part")
-    try:
-        with open(temporary, "wb") as file:
-            pq.write_table(table, file, write_page_checksum=True)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-        _sync_folder(path.parent)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise StorageError(
-            f"{path}: cannot be written: {error.strerror or error}.\n"
-            "Hint: make room on the disk, or check the permissions of the folder."
-        ) from None
+    with _replaced(path) as file:
+        pq.write_table(table, file, write_page_checksum=True)
+
+
+def write_parts(path, schema, parts, about):
+    """Write the Arrow tables of `parts`, an iterable of (name, table, mapping), each as a part.
+
+    schema: that of each table, which has rows; mapping: what `parts_of` tells of the part, besides
+    its number of `rows` and its `digest`. Only one part at a time is held. Raises StorageError as
+    `write` does.
+    """
+    found = {}
+    with _replaced(path) as file, pq.ParquetWriter(file, schema, write_page_checksum=True) as made:
+        for name, table, more in parts:
+            made.write_table(table, row_group_size=len(table))
+            known = {
+                "group": len(found),
+                "rows": len(table),
+                "digest": _digest_of_part(name, table),
+            }
+            found[name] = {**more, **known}
+        told = json.dumps({**about, "parts": found}, sort_keys=True).encode()
+        made.add_key_value_metadata({ABOUT: told, ABOUT_DIGEST: _digest_of(told)})
 
 
 def read(path):
-    """The Arrow table of a file and what `write` was told of it.
+    """The Arrow table of a file and what `write` was told of it; of one in parts, all of them.
 
     Raises StorageError if the file cannot be read or is not, to the bit, what was written.
     """
-    try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            table = file.read()
-    except FileNotFoundError:
-        raise StorageError(f"{path}: no such file.\nHint: run the workflow; it makes it.") from None
-    except (OSError, ValueError, pa.ArrowException) as error:
-        raise _damaged(path, str(error).splitlines()[0] if str(error) else "unreadable") from None
+    with _opened(path) as file:
+        about = _checked_about(path, file.metadata.metadata or {})
+        if "parts" in about:
+            names = sorted(about["parts"], key=lambda name: about["parts"][name]["group"])
+            return pa.concat_tables(_part(path, file, about, name) for name in names), about
+        table = file.read()
     metadata = table.schema.metadata or {}
-    about = _checked_about(path, metadata)
     if metadata.get(DIGEST) != _digest(table, metadata[ABOUT]):
         raise _damaged(path, "its content does not have the digest that was written with it")
     return table, about
+
+
+def read_part(path, name):
+    """The Arrow table of a part of a file; nothing else of it is read. Raises StorageError."""
+    with _opened(path) as file:
+        about = _checked_about(path, file.metadata.metadata or {})
+        if name not in about.get("parts", {}):
+            raise _damaged(path, f"it has no part {name}")
+        return _part(path, file, about, name)
+
+
+def parts_of(paths):
+    """File and what is told of it of each part of several files, by name of the part."""
+    return {
+        name: (path, told)
+        for path in paths
+        for name, told in read_about(path).get("parts", {}).items()
+    }
 
 
 def read_about(path):
@@ -90,19 +116,70 @@ def read_about(path):
     return _checked_about(path, metadata)
 
 
-def number_of_rows(path):
-    """Rows of a file; 0 if it is damaged, which who reads it says. FileNotFoundError if none."""
+def largest_part(path):
+    """Rows of the largest part of a file; 0 if it is damaged, which who reads it says.
+
+    FileNotFoundError if there is no such file.
+    """
     if not os.path.exists(path):
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
     try:
-        return pq.read_metadata(path).num_rows
-    except (OSError, pa.ArrowException):
+        return max((part["rows"] for part in read_about(path)["parts"].values()), default=0)
+    except (StorageError, KeyError):
         return 0
 
 
 def digest_of(mapping):
     """Short digest of a mapping that JSON can hold; lists and tuples are alike."""
     return hashlib.sha256(json.dumps(mapping, sort_keys=True).encode()).hexdigest()[:16]
+
+
+@contextmanager
+def _replaced(path):
+    """A file to write into, which takes the place of `path` once it is whole."""
+    path = Path(path)
+    temporary = path.with_name(path.name + ".part")
+    try:
+        with open(temporary, "wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+        _sync_folder(path.parent)
+    except OSError as error:
+        raise StorageError(
+            f"{path}: cannot be written: {error.strerror or error}.\n"
+            "Hint: make room on the disk, or check the permissions of the folder."
+        ) from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _opened(path):
+    """A Parquet file that checks its pages."""
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            yield file
+    except FileNotFoundError:
+        raise StorageError(f"{path}: no such file.\nHint: run the workflow; it makes it.") from None
+    except StorageError:
+        raise
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise _damaged(path, str(error).splitlines()[0] if str(error) else "unreadable") from None
+
+
+def _part(path, file, about, name):
+    """The table of a part of an open file: one of its row groups."""
+    known = about["parts"][name]
+    table = file.read_row_group(known["group"])
+    if _digest_of_part(name, table) != known["digest"]:
+        raise _damaged(path, f"its part {name} does not have the digest that was written with it")
+    return table
+
+
+def _digest_of_part(name, table):
+    return _digest(table, name.encode()).decode()
 
 
 def _told_in_the_end(path):

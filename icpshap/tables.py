@@ -229,13 +229,16 @@ def _shrinking(causes):
     ]
 
 
-def _scan(causes):
-    return _columns(["x", "y", "z"], "float64", "m", "coordinate in the scanner's frame")
-
-
-def _timed_scan(causes):
+def _scans(causes):
     return [
-        *_scan(causes),
+        Column("scan", "int32", "", "index of the scan"),
+        *_columns(["x", "y", "z"], "float64", "m", "coordinate in the scanner's frame"),
+    ]
+
+
+def _timed_scans(causes):
+    return [
+        *_scans(causes),
         Column("time", "float64", "", "when the point was measured, as the file says it"),
     ]
 
@@ -257,8 +260,11 @@ def _registrations(causes):
     ]
 
 
-def _overlap(causes):
-    return [Column("overlapping", "bool", "", "a reference point is near this source point")]
+def _overlaps(causes):
+    return [
+        *_INDICES,
+        Column("overlapping", "bool", "", "a reference point is near this source point"),
+    ]
 
 
 def _pairs(causes):
@@ -586,11 +592,11 @@ def _resampled(causes):
 
 
 TABLES = {
-    "scan": _scan,
-    "timed_scan": _timed_scan,
+    "scans": _scans,
+    "timed_scans": _timed_scans,
     "poses": _poses,
     "registrations": _registrations,
-    "overlap": _overlap,
+    "overlaps": _overlaps,
     "pairs": _pairs,
     "runs": _runs,
     "estimates": _estimates,
@@ -700,17 +706,6 @@ def read_about(path):
     return storage.read_about(path)
 
 
-def read_points(path):
-    """Points (n, 3) [m] of a scan."""
-    return read(path, _scan_table(path))[["x", "y", "z"]].to_numpy()
-
-
-def read_times(path):
-    """Times (n,) of the points of a scan; None where it has none."""
-    table = _scan_table(path)
-    return read(path, table)["time"].to_numpy() if table == "timed_scan" else None
-
-
 def read_poses(path):
     """Poses T_global_scan (n, 4, 4)."""
     return read(path, "poses")[TRANSFORM].to_numpy().reshape(-1, 4, 4)
@@ -721,17 +716,58 @@ def empty(table, causes=(), plan=None):
     return _schema(columns(table, registry.named(causes), is_here(plan))).empty_table().to_pandas()
 
 
-def write_scan(path, points, times, plan, **about):
-    """Write the points (n, 3) of a scan, with their times (n,) or None."""
-    frame = points_frame(points)
-    if times is None:
-        write(path, frame, "scan", plan, **about)
-    else:
-        write(path, frame.assign(time=times), "timed_scan", plan, **about)
+def write_scans(path, scans, plan):
+    """Write scans one after the other, each as a part of its own.
+
+    scans: iterable of (index, points (n, 3) [m], times (n,) or None, rows that were dropped); all
+    or none of them have times, as `plan` says under `time`.
+    """
+    table = "timed_scans" if plan.get("time") else "scans"
+
+    def parts():
+        for index, points, times, dropped in scans:
+            frame = pd.DataFrame(points, columns=["x", "y", "z"]).assign(scan=index)
+            frame = frame if times is None else frame.assign(time=times)
+            yield scan_part(index), frame, {"dropped_rows": dropped}
+
+    _write_parts(path, table, parts(), plan)
 
 
-def points_frame(points):
-    return pd.DataFrame(points, columns=["x", "y", "z"])
+def read_scan(path, index):
+    """Points (n, 3) [m] of a scan of a file, and their times (n,) or None."""
+    frame = storage.read_part(path, scan_part(index)).to_pandas()
+    times = frame["time"].to_numpy() if "time" in frame else None
+    return frame[["x", "y", "z"]].to_numpy(), times
+
+
+def scan_part(index):
+    """Name of a scan, as a part of a file and where a file says what it was made from."""
+    return f"scan_{index}"
+
+
+def write_overlaps(path, overlaps, plan):
+    """Write the overlap of pairs, each as a part of its own.
+
+    overlaps: iterable of (indices of reference and source, mask (m,), overlap ratio).
+    """
+
+    def parts():
+        for (reference, source), overlapping, ratio in overlaps:
+            frame = pd.DataFrame({"overlapping": overlapping})
+            frame = frame.assign(reference=reference, source=source)
+            yield pair_part((reference, source)), frame, {"overlap": ratio}
+
+    _write_parts(path, "overlaps", parts(), plan)
+
+
+def read_overlap(path, indices):
+    """Mask (m,) of the overlapping source points of a pair of a file."""
+    return storage.read_part(path, pair_part(indices))["overlapping"].to_numpy()
+
+
+def pair_part(indices):
+    """Name of a pair (reference, source), as a part of a file."""
+    return "{}-{}".format(*indices)
 
 
 def poses_frame(T_global_scan):
@@ -753,8 +789,16 @@ def covariance_columns(covariance):
     return dict(zip(COVARIANCE, covariance[np.triu_indices(6)], strict=True))
 
 
-def _scan_table(path):
-    return "timed_scan" if read_about(path).get("table") == "timed_scan" else "scan"
+def _write_parts(path, table, parts, plan):
+    """Write frames of the named table, which has no columns of causes, as parts of a file."""
+    known = columns(table)
+    schema = _schema(known)
+    made = (
+        (name, pa.Table.from_pandas(frame[schema.names], schema, preserve_index=False), told)
+        for name, frame, told in parts
+    )
+    made = ((name, arrow.replace_schema_metadata(None), told) for name, arrow, told in made)
+    storage.write_parts(path, schema, made, {"table": table, "plan": plan})
 
 
 def _causes_of(path, about):

@@ -69,7 +69,9 @@ class TestFinished:
         errors = se3.log(se3.inverse(poses) @ POSES)
         assert np.abs(errors[:, :3]).max() < np.deg2rad(0.1)
         assert np.abs(errors[:, 3:]).max() < 0.01
-        (first,) = tables.read(resource(finished, "registered/0-1"), "registrations").itertuples()
+        (first,) = (
+            tables.read(resource(finished, "registered/0"), "registrations").iloc[:1].itertuples()
+        )
         assert first.overlap > 0.8 and first.rmse < 0.02
 
     def test_everything_says_whose_answers_they_are(self, finished):
@@ -93,15 +95,19 @@ class TestFinished:
         config = configuration(poses="register", guess=guess)
         path = written(tmp_path / "guess.yaml", yaml.safe_dump(config))
         planned = finished.planned("--configfile", str(path))
-        assert planned["register_pair"] == 2 and planned["measure_overlap"] == 2
-        assert "read_scan" not in planned and planned["run_icp"] >= 1
+        assert planned["register_pairs"] == planned["check_pairs"] == 1
+        assert "read_scans" not in planned and planned["run_icp"] >= 1
 
 
 def test_a_dry_run_before_anything_was_read(tmp_path):
     project = project_of(tmp_path, poses="register")
     write_scans(tmp_path / "drive")
     planned = project.planned("--configfile", "tiny.yaml")
-    assert (planned["register_pair"], planned["register_poses"], planned["read_scan"]) == (2, 1, 3)
+    assert (planned["register_pairs"], planned["register_poses"], planned["read_scans"]) == (
+        1,
+        1,
+        1,
+    )
     assert "read_poses" not in planned
 
 

@@ -9,22 +9,26 @@ import pyarrow.parquet as pq
 import pytest
 
 from icpshap import storage, tables
+from icpshap.errors import UserError
 from icpshap.storage import StorageError
 
-ABOUT = {"table": "scan", "plan": {"seed": 4}, "dropped_rows": 3}
+ABOUT = {"table": "poses", "plan": {"seed": 4}, "truth": "none"}
+POINTS = np.random.default_rng(0).normal(size=(40, 3))
+SCANS = [(9, POINTS, None, 0), (10, POINTS[:7], None, 2)]
 
 
 @pytest.fixture
 def path(tmp_path):
-    generator = np.random.default_rng(0)
     path = tmp_path / "scan.parquet"
-    tables.write(
-        path,
-        tables.points_frame(generator.normal(size=(40, 3))),
-        "scan",
-        {"seed": 4},
-        dropped_rows=3,
-    )
+    poses = np.random.default_rng(0).normal(size=(40, 4, 4))
+    tables.write(path, tables.poses_frame(poses), "poses", {"seed": 4}, truth="none")
+    return path
+
+
+@pytest.fixture
+def in_parts(tmp_path):
+    path = tmp_path / "scans.parquet"
+    tables.write_scans(path, SCANS, {"seed": 4})
     return path
 
 
@@ -47,9 +51,11 @@ def test_missing_values_and_text_come_back(tmp_path):
     assert found.to_pylist()[0] == {"x": 1.0, "status": "ok", "right": True}
 
 
+@pytest.mark.parametrize("kind", ["path", "in_parts"])
 @pytest.mark.parametrize("seed", range(40))
-def test_one_flipped_bit_is_never_read_in_silence(path, seed):
+def test_one_flipped_bit_is_never_read_in_silence(request, kind, seed):
     """Neither of values nor of the footer: an error that names the file, or the same table."""
+    path = request.getfixturevalue(kind)
     whole = path.read_bytes()
     expected = storage.read(path)
     generator = np.random.default_rng(seed)
@@ -136,12 +142,41 @@ def test_a_table_without_rows_has_a_digest_too(tmp_path):
     assert len(tables.read(path, "runs")) == 0
 
 
-def test_rows_are_counted_without_reading_them(path):
-    assert storage.number_of_rows(path) == 40
-    path.write_bytes(b"damaged")
-    assert storage.number_of_rows(path) == 0
-    path.unlink()
+def test_parts_come_back_one_by_one_and_together(in_parts):
+    for index, points, *_ in SCANS:
+        np.testing.assert_array_equal(tables.read_scan(in_parts, index)[0], points)
+    together = tables.read(in_parts, "scans")
+    np.testing.assert_array_equal(together[["x", "y", "z"]], np.concatenate([POINTS, POINTS[:7]]))
+    assert together["scan"].tolist() == [9] * 40 + [10] * 7
+    parts = storage.parts_of([in_parts])
+    assert list(parts) == ["scan_10", "scan_9"] and parts["scan_10"][1]["dropped_rows"] == 2
+    with pytest.raises(StorageError, match=r"scans.parquet: .*it has no part scan_8"):
+        tables.read_scan(in_parts, 8)
+
+
+def test_the_digest_of_a_part_is_that_of_its_values_alone(in_parts, tmp_path):
+    other = tmp_path / "other.parquet"
+    tables.write_scans(other, [(8, POINTS[:3], None, 0), SCANS[1]], {"seed": 5})
+    digests = [storage.parts_of([path])["scan_10"][1]["digest"] for path in (in_parts, other)]
+    assert digests[0] == digests[1]
+
+
+def test_a_part_that_fails_leaves_no_file(tmp_path):
+    def scans():
+        yield SCANS[0]
+        raise UserError("a bad scan")
+
+    with pytest.raises(UserError, match="a bad scan"):
+        tables.write_scans(tmp_path / "scans.parquet", scans(), {})
+    assert not list(tmp_path.iterdir())
+
+
+def test_rows_are_counted_without_reading_them(in_parts):
+    assert storage.largest_part(in_parts) == 40
+    in_parts.write_bytes(b"damaged")
+    assert storage.largest_part(in_parts) == 0
+    in_parts.unlink()
     # Snakemake takes the name as the sign of a file that is yet to be made.
     with pytest.raises(FileNotFoundError) as error:
-        storage.number_of_rows(path)
-    assert error.value.filename == str(path)
+        storage.largest_part(in_parts)
+    assert error.value.filename == str(in_parts)

@@ -74,7 +74,7 @@ def test_how_the_settings_fit_is_said_before_any_icp_and_stands_in_one_table(fin
 def test_logs_are_written_where_the_rule_says(finished):
     logs = finished.folder / "logs"
     assert (logs / "run_icp" / "tiny_grid" / "tiny_room" / "0.log").is_file()
-    said = (logs / "check_pair" / "tiny_grid" / "tiny_room" / "0-1.log").read_text()
+    said = (logs / "check_pairs" / "tiny_grid" / "tiny_room" / "0.log").read_text()
     assert said.startswith("overlap 0.")
 
 
@@ -229,15 +229,15 @@ class TestWhatRunsAgain:
         smallest = "runs_per_job: 300\nperturbation: {minimum_overlap: 0.2}"
         change(edited.folder / "tiny.yaml", "runs_per_job: 300", smallest)
         planned = self.planned(edited)
-        assert planned["check_pair"] == 5 and planned["explain_sequence"] == 4
+        assert planned["check_pairs"] == planned["explain_sequence"] == 4
         assert "run_icp" not in planned
 
     def test_more_scans_register_no_old_pair(self, edited):
         change(edited.folder / "tiny.yaml", "Tiny room\n    scans: 2", "Tiny room\n    scans: 3")
         planned = self.planned(edited)
-        # The poses and the new scan, one overlap, one check, the job or two of the new pair.
-        assert planned["simulate_sequence"] == 2 and planned["measure_overlap"] == 1
-        assert planned["check_pair"] == 1 and planned["run_icp"] <= 2
+        # The poses, the scans and the pairs anew, and the job or two of the new pair.
+        assert planned["simulate_poses"] == planned["simulate_scans"] == 1
+        assert planned["check_pairs"] == 1 and planned["run_icp"] <= 2
 
     def test_the_limits_of_a_basin_register_nothing(self, edited):
         change(
@@ -250,8 +250,8 @@ class TestWhatRunsAgain:
     def test_words_and_limits_of_the_fit_register_nothing(self, edited):
         change(edited.code / "icpshap/fit/checks.py", "DUPLICATES = 0.01", "DUPLICATES = 0.02")
         planned = self.planned(edited)
-        assert planned["measure_fit"] == planned["explain_sequence"] == 4
-        assert not {"run_icp", "measure_overlap"} & set(planned)
+        assert planned["check_pairs"] == planned["explain_sequence"] == 4
+        assert "run_icp" not in planned
 
     def test_editing_a_figure_plans_figures_alone(self, edited):
         change(
@@ -261,7 +261,7 @@ class TestWhatRunsAgain:
         )
         planned = self.planned(edited)
         assert planned["draw_figure"] > 3
-        assert not {"run_icp", "explain_sequence", "measure_overlap"} & set(planned)
+        assert not {"run_icp", "explain_sequence", "check_pairs"} & set(planned)
 
     def test_editing_a_comment_does_not(self, edited):
         change(edited.code / "icpshap/se3.py", '"""Adjoint', '"""The adjoint')
@@ -336,7 +336,7 @@ def test_a_clone_that_can_only_be_read_serves_another_folder(tmp_path):
     before = sorted(clone.rglob("*"))
     for folder in (clone, *filter(Path.is_dir, before)):
         folder.chmod(0o555)
-    scan = "resources/tiny_room/scan_0.parquet"
+    scan = "resources/tiny_room/scans/0.parquet"
     Project(tmp_path / "work", code=Path("../clone")).run(scan, "--configfile", "tiny.yaml")
     assert (tmp_path / "work" / scan).is_file()
     assert sorted(clone.rglob("*")) == before
@@ -345,12 +345,13 @@ def test_a_clone_that_can_only_be_read_serves_another_folder(tmp_path):
 def test_a_dry_run_needs_no_data_and_no_network(project):
     planned = project.planned()
     sequences = yaml.safe_load((REPOSITORY / "config.yaml").read_text())["sequences"]
-    pairs = 267
-    assert planned["measure_overlap"] == pairs
-    assert planned["explain_sequence"] == 1 + len(sequences)
-    # Jobs of at most 4,100 runs, several pairs to one: 9 settings of each pair, 1,332 of the grid.
-    fewest = (9 * pairs + 1332) * 100 / 4100
-    assert fewest <= planned["run_icp"] <= 1.1 * fewest
+    assert planned["check_pairs"] == planned["explain_sequence"] == 1 + len(sequences)
+    # Jobs of at most 16,000 runs, several pairs to one: 9 settings of each of 267 pairs; of the
+    # grid a noise level is one.
+    fewest = 9 * 267 * 100 / 16000 + 11
+    assert fewest <= planned["run_icp"] <= fewest + len(sequences)
+    fetched = planned["fetch_scan"] + planned["fetch_poses"]
+    assert fetched == 275 + 8 and planned["total"] - fetched <= 150
 
 
 class TestBadInput:

@@ -20,10 +20,10 @@ KEYS = (b"data", b"plan", b"registered", b"sequence", b"overlap", b"causes")  # 
 def files():
     """A file of every kind, with the name of its table."""
     return {
-        "resources/own/scan_0.parquet": "scan",
+        "resources/own/scans/0.parquet": "scans",
         "resources/own/poses.parquet": "poses",
-        "resources/own/overlap/0-1.parquet": "overlap",
-        f"{RESULTS}/pairs/0-1.parquet": "pairs",
+        f"{RESULTS}/overlaps/0.parquet": "overlaps",
+        f"{RESULTS}/pairs/0.parquet": "pairs",
         f"{RESULTS}/runs/0.parquet": "runs",
         f"{RESULTS}/uncertainty.parquet": "uncertainty",
         f"{RESULTS}/shap.parquet": "shap",
@@ -96,7 +96,7 @@ def _through_the_workflow(folder, config, generator, each):
             words, damaged = flipped(whole, int(generator.integers(footer, len(whole))), generator)
             attempt = partial(_look, folder, found, path, damaged)
             yield Fault(f"{path} as a run begins: {words}", attempt)
-    for path in (f"{RESULTS}/runs/0.parquet", f"{RESULTS}/pairs/0-1.parquet"):
+    for path in (f"{RESULTS}/runs/0.parquet", f"{RESULTS}/pairs/0.parquet"):
         whole = (folder / path).read_bytes()
         for key in KEYS[: 2 * each]:
             for position in _places(whole, key):

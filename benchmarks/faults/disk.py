@@ -124,7 +124,7 @@ def _read_only(campaign, name):
         shutil.copytree(campaign.finished.folder / name, folder, dirs_exist_ok=True)
         (folder / "tiny_fixed" / "own" / "shap.parquet").unlink(missing_ok=True)
         _call("mount", "-o", "remount,ro", folder)
-        code, said = place.run("--forcerun", "read_scan", "--", *campaign.tables)
+        code, said = place.run("--forcerun", "read_scans", "--", *campaign.tables)
         _call("mount", "-o", "remount,rw", folder)
         outcome = said_of(said, *PATHS) if code else place.same_as(campaign.expected)
         if outcome.kind not in ("told", "right"):

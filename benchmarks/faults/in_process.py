@@ -6,7 +6,6 @@ Hundreds of faults are cheap this way. The plans are those that the Snakefile ma
 import copy
 import importlib.util
 import os
-from collections import defaultdict
 from contextlib import contextmanager
 from types import SimpleNamespace
 
@@ -66,14 +65,15 @@ def inside(folder):
 def files_of(found, experiment, sequence):
     """The files that the explanation of a sequence reads, by their table."""
     names = {"experiment": experiment, "sequence": sequence}
-    pairs = [
-        at(paths.PAIR, **names, reference=pair[0], source=pair[1])
-        for pair in found.config.experiments[experiment].pairs[sequence]
-    ]
+    batches = range(len(found.batches(experiment, sequence)))
+    pairs, fit = (
+        [at(template, **names, batch=batch) for batch in batches]
+        for template in (paths.PAIRS, paths.FIT_NUMBERS)
+    )
     jobs = range(len(found.jobs(experiment, sequence)))
     runs = [at(paths.RUNS, **names, job=job) for job in jobs]
     # Called by name and by key, as the lists of files of a Snakemake job are.
-    return Files(pairs=pairs, fit=at(paths.FIT_NUMBERS, **names), runs=runs, estimates=[])
+    return Files(pairs=pairs, fit=fit, runs=runs, estimates=[])
 
 
 class Files(SimpleNamespace):
@@ -89,26 +89,23 @@ def explain(found, experiment, sequence, output):
     plan = found.explanation(experiment, sequence)
     files = files_of(found, experiment, sequence)
     tables = {name: f"{output}/{name}.parquet" for name in TABLES}
-    script("explain_sequence").explain_sequence(
-        files, tables, plan, found.job_digests(experiment, sequence)
-    )
+    digests = found.job_digests(experiment, sequence), found.check_digests(experiment, sequence)
+    script("explain_sequence").explain_sequence(files, tables, plan, *digests)
 
 
 def register(found, experiment, sequence, job, output):
     """What run_icp does of one job; output: the file of its runs."""
     plan = found.job(experiment, sequence, job)
-    indices = [tuple(part[0]) for part in plan["parts"]]
-    scans = sorted({index for pair in indices for index in pair})
     names = {"experiment": experiment, "sequence": sequence}
-    of_pairs = defaultdict(list)
-    for reference, source in indices:
-        values = {**names, "reference": reference, "source": source}
-        of_pairs["overlaps"].append(at(paths.OVERLAP, **values))
-        of_pairs["pairs"].append(at(paths.PAIR, **values))
+    checked = range(len(found.batches(experiment, sequence)))
     read = SimpleNamespace(
-        scans=[at(paths.SCAN, sequence=sequence, index=index) for index in scans],
+        scans=[
+            at(paths.SCANS, sequence=sequence, batch=batch)
+            for batch in range(len(found.scan_batches(sequence)))
+        ],
         poses=at(paths.POSES, sequence=sequence),
+        overlaps=[at(paths.OVERLAPS, **names, batch=batch) for batch in checked],
+        pairs=[at(paths.PAIRS, **names, batch=batch) for batch in checked],
         training=[],
-        **of_pairs,
     )
-    script("run_icp").run_icp(read, {"runs": output}, plan, scans)
+    script("run_icp").run_icp(read, {"runs": output}, plan)

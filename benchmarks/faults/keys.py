@@ -32,11 +32,10 @@ AFTER = {
     "joined": set(),
 }
 RULES = {
-    "scan": "read_scan",
-    "simulated": "simulate_sequence",
+    "scan": "read_scans",
+    "simulated": "simulate_scans",
     "poses": "read_poses",
-    "overlap": "measure_overlap",
-    "pair": "check_pair",
+    "pair": "check_pairs",
     "job": "run_icp",
     "explanation": "explain_sequence",
     "joined": "join_sequences",
@@ -45,7 +44,7 @@ TINY = ("estimators", "tiny")
 INSTANCE = {"sensor_noise": 0.05, "initial_pose": 1.5, "partial_overlap": 0.05}
 # Path of a key: another value, and the first steps that it decides.
 EDITS = {
-    ("seed",): (7, {"simulated", "job", "explanation"}),
+    ("seed",): (7, {"simulated", "pair", "job", "explanation"}),
     ("sequences",): (["own"], set()),
     ("run",): ([EXPERIMENT], set()),
     ("runs_per_job",): (120, {"cut"}),
@@ -67,11 +66,11 @@ EDITS = {
     ("data", ROOM, "simulated", "beams"): (4000, {"simulated"}),
     ("data", ROOM, "simulated", "rings"): (16, {"simulated"}),
     ("data", ROOM, "simulated", "range_noise"): (0.005, {"simulated"}),
-    ("experiments", EXPERIMENT, "estimator"): ("robust", {"job"}),
+    ("experiments", EXPERIMENT, "estimator"): ("robust", {"pair", "job"}),
     ("experiments", EXPERIMENT, "sequences"): (["own", ROOM], {"joined"}),
     ("experiments", EXPERIMENT, "pairs"): (
         [{"sequence": "own", "reference": 0, "source": 1}],
-        {"explanation"},
+        {"pair", "explanation"},
     ),
     ("experiments", EXPERIMENT, "instances"): (
         {"fixed": {**INSTANCE, "sensor_noise": 0.07}},
@@ -121,9 +120,7 @@ def edits():
     for name in sorted(presets.option_names(presets.DEFAULT_KIND)):
         if ("estimators", name) in ELSEWHERE:
             continue
-        steps = {"explanation"} if name in METHOD else {"job"}
-        if name == "minimum_range":
-            steps = {"pair", "job"}
+        steps = {"explanation"} if name in METHOD else {"pair", "job"}
         for cause in CAUSES.values():
             if name in options.names(cause):
                 named = cause.name in INSTANCE
@@ -219,7 +216,7 @@ def _digests(config):
         "simulated": digest(found.scan(ROOM, 0)),
         "poses": digest(found.poses(SEQUENCE)),
         "overlap": digest(found.overlap(SEQUENCE, pair)),
-        "pair": digest(found.pair(EXPERIMENT, SEQUENCE, pair)),
+        "pair": digest(found.checks(EXPERIMENT, SEQUENCE, 0)),
         "job": digest(found.job(EXPERIMENT, SEQUENCE, 0)),
         "explanation": digest(found.explanation(EXPERIMENT, SEQUENCE)),
         "joined": digest(found.joined(EXPERIMENT)),
@@ -283,10 +280,11 @@ def dry_runs(place, short):
 def _planned(place, path):
     config = place.config()
     value, steps = edits()[path]
-    expected = {RULES[step] for step in set().union(steps, *(AFTER[step] for step in steps))}
-    if "simulate_sequence" in expected:
+    followed = set().union(steps, *(AFTER[step] for step in steps))
+    expected = {RULES[step] for step in followed & set(RULES)}
+    if "simulate_scans" in expected:
         # The other experiment has the simulated scene.
-        expected |= {RULES[step] for step in AFTER["scan"]}
+        expected |= {RULES[step] for step in AFTER["scan"] & set(RULES)}
     place.configure(edited(config, path, value))
     try:
         code, said = place.run("-n", "--", *TABLES)

@@ -48,9 +48,9 @@ def _edited(campaign, name, text, must_fail):
     place = with_copied_code(campaign, "edited")
     file = place.code / name
     before = file.read_text(encoding="utf-8")
-    log = place.folder / "logs/check_pair/tiny_fixed/own/0-1.log"
+    log = place.folder / "logs/check_pairs/tiny_fixed/own/0.log"
     log.unlink()
-    process = place.start("--forcerun", "check_pair", "--", *campaign.tables)
+    process = place.start("--forcerun", "check_pairs", "--", *campaign.tables)
     began = time.monotonic()
     while not log.exists() and process.poll() is None and time.monotonic() - began < SECONDS:
         time.sleep(0.02)

@@ -9,11 +9,12 @@ from benchmarks.faults.outcome import Fault, Outcome
 from benchmarks.faults.workplace import Workplace, write_scans
 
 RUNS = "results/tiny_fixed/own/runs"
+OVERLAPS = "results/tiny_fixed/own/overlaps/0.parquet"
 SWAPS = (
     (f"{RUNS}/0.parquet", f"{RUNS}/2.parquet"),
-    ("results/tiny_fixed/own/pairs/0-1.parquet", "results/tiny_fixed/own/pairs/1-2.parquet"),
-    ("resources/own/overlap/0-1.parquet", "resources/own/overlap/1-2.parquet"),
-    ("resources/own/scan_0.parquet", "resources/own/scan_1.parquet"),
+    ("results/tiny_fixed/own/pairs/0.parquet", "results/tiny_pose/tiny_room/pairs/0.parquet"),
+    (OVERLAPS, "results/tiny_pose/tiny_room/overlaps/0.parquet"),
+    ("resources/own/scans/0.parquet", "resources/tiny_room/scans/0.parquet"),
     ("resources/own/poses.parquet", "resources/tiny_room/poses.parquet"),
     ("results/tiny_fixed/own/shap.parquet", "results/tiny_fixed/own/uncertainty.parquet"),
     ("results/tiny_fixed/shap.parquet", "results/tiny_pose/shap.parquet"),

@@ -146,5 +146,5 @@ def _spoken(campaign, variables):
     # A title that is no ASCII; it is in no table.
     config["data"]["own"]["title"] = "Größe σ"
     place.configure(config)
-    forced = ("--forcerun", "check_pair", "explain_sequence")
+    forced = ("--forcerun", "check_pairs", "explain_sequence")
     return place.judged(campaign.expected, arguments=forced, **variables)

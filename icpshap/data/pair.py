@@ -2,11 +2,11 @@
 
 import logging
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
-from icpshap import se3, tables
+from icpshap import se3, storage, tables
 from icpshap.data import ground_truth
 from icpshap.data.scans import check_scan
 from icpshap.errors import DataError, PerturbationError
@@ -79,26 +79,48 @@ class Pair:
         return root_mean_square_distance(self.source[self.overlap_in_range])
 
 
-def read_pair(reference, source, poses, overlap, indices):
-    """The `Pair` of the paths of its tables; indices of reference and source scan.
+class Pairs:
+    """The pairs of a sequence, read from the files of its scans, of its poses and of overlaps.
 
-    Raises DataError if the overlap is that of other scans.
+    Each file of scans or overlaps holds several; they may be given in any order.
     """
-    points = tables.read_points(source)
-    overlapping = tables.read(overlap, "overlap")["overlapping"].to_numpy()
-    if len(overlapping) != len(points):
-        raise DataError(
-            f"{overlap}: {len(overlapping)} marks of overlap for {len(points)} points of {source}.",
-            "it belongs to another pair; remove it, and the workflow makes it again.",
-        )
-    return Pair(
-        tables.read_points(reference),
-        points,
-        relative_pose(tables.read_poses(poses), *indices),
-        overlapping,
-        tables.read_about(overlap)["plan"]["distance"],
-        tables.read_times(source),
-    )
+
+    def __init__(self, scans, poses, overlaps=()):
+        self._scans = storage.parts_of(scans)
+        self._overlaps = storage.parts_of(overlaps)
+        self._distances = {path: tables.read_about(path)["plan"]["distance"] for path in overlaps}
+        self._T_global_scan = tables.read_poses(poses)
+        # Scans follow one another in the pairs of a sequence.
+        self._read = lru_cache(maxsize=2)(self._load)
+
+    def measured(self, indices, distance):
+        """The `Pair` of reference and source scan, whose overlap within `distance` is measured."""
+        (reference, _), (source, times) = map(self._read, indices)
+        T = relative_pose(self._T_global_scan, *indices)
+        return Pair.measured(reference, source, T, distance, times)
+
+    def read(self, indices):
+        """The same with the overlap that was measured. Raises DataError if it is of other scans."""
+        (reference, _), (source, times) = map(self._read, indices)
+        path, _ = self._overlaps[tables.pair_part(indices)]
+        overlapping = tables.read_overlap(path, indices)
+        if len(overlapping) != len(source):
+            raise DataError(
+                f"{path}: {len(overlapping)} marks of overlap for {len(source)} points of scan"
+                f" {indices[1]}.",
+                "it belongs to another pair; remove it, and the workflow makes it again.",
+            )
+        T = relative_pose(self._T_global_scan, *indices)
+        return Pair(reference, source, T, overlapping, self._distances[path], times)
+
+    def data(self, pairs):
+        """Digest of each scan of `pairs` by its name."""
+        names = [tables.scan_part(index) for index in sorted({k for pair in pairs for k in pair})]
+        return {name: self._scans[name][1]["digest"] for name in names}
+
+    def _load(self, index):
+        path, _ = self._scans[tables.scan_part(index)]
+        return tables.read_scan(path, index)
 
 
 def relative_pose(T_global_scan, reference, source):

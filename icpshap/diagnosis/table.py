@@ -20,7 +20,8 @@ def table(loads, streams):
     known = [Known(load, of_pair) for load, of_pair in zip(loads, streams, strict=True)]
     rows = []
     for place, one in enumerate(known):
-        near = sorted(range(len(known)), key=lambda other: abs(other - place))[1 : NEIGHBOURS + 1]
+        around = range(max(0, place - NEIGHBOURS), min(len(known), place + NEIGHBOURS + 1))
+        near = sorted(around, key=lambda other: abs(other - place))[1 : NEIGHBOURS + 1]
         found = diagnose(one, [known[other] for other in near])
         healthiest = None if found.healthiest is None else streams[near[found.healthiest]]
         rows.append(row(found, streams[place], healthiest))

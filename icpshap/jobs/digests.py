@@ -69,23 +69,18 @@ def plugin_names(estimator):
 
 
 def plugins(names):
-    """What has these names: `kind` or `kinds`, `modules`, `causes`; the `format` by its suffix."""
+    """What has these names: `kind` or `kinds`, `modules`, `causes`; `formats` by their suffixes."""
     found = [KINDS[names["kind"]]] if "kind" in names else []
     found += [KINDS[name] for name in names.get("kinds", ())]
     found += [registry.imported(name) for name in names.get("modules", ())]
     found += [CAUSES[name] for name in names.get("causes", ())]
-    return found + ([READERS[names["format"]]] if "format" in names else [])
+    return found + [READERS[suffix] for suffix in names.get("formats", ())]
 
 
 def sha256(path):
     """SHA256 of a file's bytes."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def data_digests(*paths):
-    """Digest of each file by its name."""
-    return {Path(path).name: sha256(path)[:16] for path in paths}
 
 
 def _file(module):

@@ -3,15 +3,14 @@
 `{scope}` is an experiment, or one sequence of it: `{experiment}/{sequence}`.
 """
 
-RESOURCE = "resources/{sequence}/{part}.parquet"
 ARCHIVE_CACHE = "resources/{sequence}/archive"
-SCAN = RESOURCE.replace("{part}", "scan_{index}")
-POSES = RESOURCE.replace("{part}", "poses")
-REGISTRATION = "resources/{sequence}/registered/{reference}-{source}.parquet"
-OVERLAP = "resources/{sequence}/overlap/{reference}-{source}.parquet"
+SCANS = "resources/{sequence}/scans/{batch}.parquet"
+POSES = "resources/{sequence}/poses.parquet"
+REGISTRATIONS = "resources/{sequence}/registered/{batch}.parquet"
 
-PAIR = "results/{experiment}/{sequence}/pairs/{reference}-{source}.parquet"
-FIT_NUMBERS = "results/{experiment}/{sequence}/fit_numbers.parquet"
+PAIRS = "results/{experiment}/{sequence}/pairs/{batch}.parquet"
+OVERLAPS = "results/{experiment}/{sequence}/overlaps/{batch}.parquet"
+FIT_NUMBERS = "results/{experiment}/{sequence}/fit_numbers/{batch}.parquet"
 DIAGNOSIS = "results/{experiment}/{sequence}/diagnosis.parquet"
 DIAGNOSIS_FIGURE = "results/{experiment}/{sequence}/figures/diagnosis.{kind}"
 INSTANCES = "results/{experiment}/{sequence}/instances.parquet"

@@ -14,6 +14,7 @@ from functools import cache
 from importlib import metadata
 
 from icpshap import causes, options, plan, storage
+from icpshap.data import pair as pair_module
 from icpshap.data.formats import suffix_of
 from icpshap.errors import UserError
 from icpshap.jobs import digests
@@ -115,9 +116,15 @@ class Plans:
         self.config = config
         self.files = files
         self.code = code
-        self.pair = cache(self._pair)
+        self._measuring = digests.code_digest(pair_module.__file__)
         self.job = cache(self._job)
         self.jobs = cache(self._jobs)
+        self.overlap = cache(self._overlap)
+        self.scan = cache(self._scan)
+        self.checks = cache(self._checks_of_batch)
+        self.batches = cache(self._batches)
+        self.batch_of = cache(self._batch_of)
+        self.explanation = cache(self._explanation)
 
     def estimator(self, experiment):
         """The estimator of an experiment, with the causes that it names."""
@@ -133,17 +140,32 @@ class Plans:
         found = self.variants(experiment)
         return {"variants": found} if found else {}
 
-    def scan(self, sequence, index):
+    def scan_batches(self, sequence):
+        """Indices of the scans of each file; each scan of an archive has its own, since fetched."""
         known = self.config.data[sequence]
-        read = {"drop_non_finite": known.drop_non_finite}
-        read |= {"time": known.time} if known.time else {}
+        size = 1 if known.kind == "archive" else plan.SCANS_PER_JOB
+        return plan.batches(range(known.scans), size)
+
+    def scans(self, sequence, batch):
+        """That of a file of scans."""
+        known = self.config.data[sequence]
+        indices = self.scan_batches(sequence)[batch]
         if known.kind == "archive":
-            return {**self._archive(known), **read, "index": index}
+            return self.scan(sequence, indices[0])
         if known.kind == "folder":
-            columns = known.folder.get("columns")
-            read |= {"columns": columns} if columns else {}
-            return {**self._file(self.files[sequence][0][index]), **read}
-        return {**self._simulated(known), "index": index}
+            files = [self.files[sequence][0][index] for index in indices]
+            return {"files": [stamp(path) for path in files], **self._read(known, files)}
+        return {**self._simulated(known, "simulate_scans"), "scans": list(indices)}
+
+    def _scan(self, sequence, index):
+        """What decides a scan, whatever is in one file with it."""
+        known = self.config.data[sequence]
+        if known.kind == "archive":
+            return {**self._archive(known), **self._finite(known), "index": index}
+        if known.kind == "folder":
+            path = self.files[sequence][0][index]
+            return {**stamp(path), **self._read(known, [path])}
+        return {**self._simulated(known, "simulate_scans"), "index": index}
 
     def poses(self, sequence):
         """That of all poses; how many scans there are decides none of them."""
@@ -155,22 +177,36 @@ class Plans:
         if known.kind == "folder":
             read = {key: known.folder[key] for key in READ_BY if known.folder.get(key)}
             return {**stamp(self.files[sequence][1]), **read, "code": self.code("read_poses")}
-        return self._simulated(known)
+        return self._simulated(known, "simulate_poses")
 
     def _registered(self, sequence, between):
         """Of poses that are registered: those of `between`, each scan and the one that follows."""
         registrations = [digest(self.registration(sequence, index)) for index in between]
         return {"registrations": registrations, "code": self.code("register_poses")}
 
+    def registration_batches(self, sequence):
+        """The scans of each file of registrations, each with the one that follows it."""
+        between = range(self.config.data[sequence].scans - 1)
+        return plan.batches(between, plan.REGISTRATIONS_PER_JOB)
+
+    def registrations(self, sequence, batch):
+        """That of a file of registrations of a scan and the one that follows it."""
+        references = self.registration_batches(sequence)[batch]
+        return self._registration(sequence, [*references, references[-1] + 1])
+
     def registration(self, sequence, index):
-        """That of the registration of a scan and the one that follows it."""
+        """What decides the registration of a scan and the one that follows it."""
+        return self._registration(sequence, [index, index + 1])
+
+    def _registration(self, sequence, scans):
         guess = self.config.data[sequence].folder.get("guess")
         guess = stamp(self.guess(sequence)) if self.guess(sequence) else guess
         return {
             "sequence": sequence,
-            "scans": [digest(self.scan(sequence, scan)) for scan in (index, index + 1)],
+            "pairs": [[index, index + 1] for index in scans[:-1]],
+            "scans": [digest(self.scan(sequence, scan)) for scan in scans],
             **({"guess": guess} if guess else {}),
-            "code": self.code("register_pair"),
+            "code": self.code("register_pairs"),
             "versions": versions(),
         }
 
@@ -186,11 +222,21 @@ class Plans:
             return self.poses(sequence)
         return self._registered(sequence, range(min(pair), max(pair)))
 
-    def _file(self, path):
-        """Of the scan formats only its own counts."""
-        names = {"format": suffix_of(path)}
-        code = self.code("read_scan", *digests.plugins(names))
-        return {**stamp(path), "plugins": names, "code": code}
+    def _finite(self, known):
+        """How rows of a sequence's scans are read."""
+        read = {"drop_non_finite": known.drop_non_finite}
+        return {**read, "time": known.time} if known.time else read
+
+    def _read(self, known, files):
+        """How files of a folder are read; of the scan formats only theirs count."""
+        columns = known.folder.get("columns")
+        names = {"formats": sorted({suffix_of(path) for path in files})}
+        return {
+            **self._finite(known),
+            **({"columns": columns} if columns else {}),
+            "plugins": names,
+            "code": self.code("read_scans", *digests.plugins(names)),
+        }
 
     def _archive(self, known):
         """An archive is fetched by name, or read where it lies; the code is no reason to again."""
@@ -198,20 +244,37 @@ class Plans:
             return stamp(known.archive["path"])
         return dict(known.archive)
 
-    def _simulated(self, known):
-        code = self.code("simulate_sequence")
-        return {**known.simulated, "seed": self.config.seed, "code": code}
+    def _simulated(self, known, script):
+        return {**known.simulated, "seed": self.config.seed, "code": self.code(script)}
 
-    def overlap(self, sequence, pair):
+    def _overlap(self, sequence, pair):
+        """What decides the overlap of a pair, and that it is the one that is registered."""
         return {
             "scans": [digest(self.scan(sequence, index)) for index in pair],
             "poses": digest(self._truth(sequence, pair)),
             "distance": self.config.perturbation.overlap_distance,
-            "code": self.code("measure_overlap"),
+            "code": self._measuring,
             "versions": versions(),
         }
 
-    def _pair(self, experiment, sequence, pair):
+    def _batches(self, experiment, sequence):
+        """The pairs of each job that measures and checks them."""
+        pairs = self.config.experiments[experiment].pairs[sequence]
+        return plan.batches(pairs, plan.PAIRS_PER_JOB)
+
+    def _batch_of(self, experiment, sequence):
+        """Number of that job by pair."""
+        batches = enumerate(self.batches(experiment, sequence))
+        return {pair: number for number, pairs in batches for pair in pairs}
+
+    def _checks_of_batch(self, experiment, sequence, batch):
+        """That of what is known of the pairs of a job before they are registered.
+
+        It decides no registration.
+        """
+        return self._checks(experiment, sequence, self.batches(experiment, sequence)[batch])
+
+    def _checks(self, experiment, sequence, pairs):
         found = self.config.experiments[experiment]
         estimator = self.estimator(experiment)
         levels = [
@@ -221,30 +284,16 @@ class Plans:
         ]
         return {
             "sequence": sequence,
-            "pair": list(pair),
-            "overlap": digest(self.overlap(sequence, pair)),
+            "pairs": [list(pair) for pair in pairs],
+            "overlaps": [digest(self.overlap(sequence, pair)) for pair in pairs],
+            "distance": self.config.perturbation.overlap_distance,
             "levels": levels,
-            "plugins": digests.plugin_names(estimator),
-            "minimum_overlap": self.config.perturbation.minimum_overlap,
-            "minimum_range": estimator.perturbing.minimum_range,
-            "code": self.code("check_pair", *estimator.plugins),
-            # What is diagnosed of it need not be played on it.
-            **({} if found.measured else self._counting(estimator)),
-        }
-
-    def fit(self, experiment, sequence):
-        """That of how the settings fit the scans, which decides no registration."""
-        found = self.config.experiments[experiment]
-        estimator = self.estimator(experiment)
-        return {
-            "sequence": sequence,
-            "pairs": [list(pair) for pair in found.pairs[sequence]],
-            "overlaps": [digest(self.overlap(sequence, pair)) for pair in found.pairs[sequence]],
-            "levels": {name: max(levels) for name, levels in found.levels.items()},
+            **({"measured": list(found.measured)} if found.measured else {}),
             "estimator": estimator.decides(),
             "plugins": digests.plugin_names(estimator),
+            "minimum_overlap": self.config.perturbation.minimum_overlap,
             "seed": self.config.seed,
-            "code": self.code("measure_fit", *estimator.plugins),
+            "code": self.code("check_pairs", *estimator.plugins),
             "versions": versions(),
         }
 
@@ -288,12 +337,6 @@ class Plans:
             return {}
         instances = digest(self.instances(experiment, sequence))
         return {"measured": list(measured), "instances": instances}
-
-    def _counting(self, estimator):
-        """What decides how many points are left of a run, where a cause asks for that."""
-        if not any(cause.counts_points for cause in estimator.causes.values()):
-            return {}
-        return {"estimator": estimator.decides(), "seed": self.config.seed}
 
     def _jobs(self, experiment, sequence):
         """The parts of each job of a sequence."""
@@ -374,16 +417,18 @@ class Plans:
         jobs = range(len(self.jobs(experiment, sequence)))
         return [digest(self.job(experiment, sequence, job)) for job in jobs]
 
-    def explanation(self, experiment, sequence):
+    def check_digests(self, experiment, sequence):
+        """Digest of the plan of each job that checks pairs."""
+        batches = range(len(self.batches(experiment, sequence)))
+        return [digest(self.checks(experiment, sequence, batch)) for batch in batches]
+
+    def _explanation(self, experiment, sequence):
         found = self.config.experiments[experiment]
         estimator = self.estimator(experiment)
         return {
             "sequence": sequence,
-            "pairs": [
-                digest(self.pair(experiment, sequence, pair)) for pair in found.pairs[sequence]
-            ],
+            "pairs": digest(self._checks(experiment, sequence, found.pairs[sequence])),
             "estimation": digest(self._estimation(experiment, sequence)),
-            "fit": digest(self.fit(experiment, sequence)),
             "off": {name: estimator.causes[name].off for name in found.causes},
             "levels": {name: list(levels) for name, levels in found.levels.items()},
             **self._here(experiment, sequence),

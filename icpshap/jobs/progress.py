@@ -3,6 +3,8 @@
 import logging
 import time
 
+from icpshap.errors import UserError
+
 # What these events of snakemake say, the lines of this module say shorter; its log file keeps them.
 REPLACED = {
     "workflow_started",
@@ -12,6 +14,7 @@ REPLACED = {
     "progress",
     "resources_info",
 }
+SECONDS = 10  # between two lines of a job's log that say how far it is
 CHATTER = ("Select jobs to execute", "Execute ")
 
 
@@ -91,6 +94,29 @@ class Progress(logging.Handler):
         rate = self.runs / max(self.clock() - self.started, 1e-9)
         left = duration((self.planned_runs - self.runs) / rate)
         return f"{text}: {self.settings} of {self.planned_settings} settings, {left} left"
+
+
+def in_turn(items, do, words, clock=time.monotonic):
+    """do(item) of each item of a job; its log says how far it is, and how long the others take.
+
+    words: what the items are. An item whose UserError stops the job does not hide those of others,
+    so that all bad scans of a job are mended at once: it is raised behind the last.
+    """
+    started = said = clock()
+    errors = []
+    for number, item in enumerate(items, start=1):
+        try:
+            done = do(item)
+        except UserError as error:
+            errors.append(error)
+        else:
+            yield done
+        if (now := clock()) - said > SECONDS:
+            left = duration((now - started) / number * (len(items) - number))
+            logging.info("%d of %d %s, %s left", number, len(items), words, left)
+            said = now
+    if errors:
+        raise errors[0] if len(errors) == 1 else UserError("\n".join(map(str, errors)))
 
 
 STOPPED = "Stopped. The same command goes on where this run was; finished jobs are kept."

@@ -69,11 +69,12 @@ def look(planner, experiments, sequences, puts_aside=True):
     stale = []
     for path, table, plan in planned_files(planner, experiments, sequences):
         about = _about(path)
-        difference = _difference(about, table, plan, in_words=not stale)
-        if difference := difference or _newly_registered(about, plan, planner):
-            if puts_aside:
-                os.replace(path, f"{path}{STALE}")
+        if difference := _difference(about, table, plan, in_words=not stale):
             stale.append((path, difference))
+    stale += newly_registered(planner, experiments, sequences, {path for path, _ in stale})
+    if puts_aside:
+        for path, _ in stale:
+            os.replace(path, f"{path}{STALE}")
     lines = []
     if stale:
         path, difference = stale[0]
@@ -119,11 +120,11 @@ def planned_files(planner, experiments, sequences):
 
 
 def unplanned_files(planner, experiments, sequences):
-    """Files of runs, estimates and pairs that are there, of jobs and pairs that are not planned."""
+    """Files of runs, estimates and pairs that are there, of jobs that are not planned."""
     planned = {Path(path) for path, *_ in _plans(planner, experiments, sequences)}
     for experiment, sequence in _selected(planner, experiments, sequences):
         names = {"experiment": experiment, "sequence": sequence}
-        for template in (paths.RUNS, paths.ESTIMATES, paths.PAIR):
+        for template in (paths.RUNS, paths.ESTIMATES, paths.PAIRS):
             folder = Path(at(template, **names)).parent
             yield from (path for path in sorted(folder.glob("*.parquet")) if path not in planned)
 
@@ -151,23 +152,32 @@ def _difference(about, table, plan, in_words):
     return plans.difference(found, plan) if in_words else "another plan"
 
 
-def _newly_registered(about, plan, planner):
-    """Which pair of a job is registered by now and was not when the job ran, in words; or "".
+def newly_registered(planner, experiments, sequences, stale):
+    """(path, words) of files of runs or estimates without a pair that is registered by now.
 
     Checks of pairs are no reason to register again, so that the workflow would not see it. What is
-    diagnosed is: its plan says how much overlap is demanded.
+    diagnosed is: its plan says how much overlap is demanded. Files that are `stale` anyway are left
+    out.
     """
-    if "parts" not in plan or tables.is_here(plan):
-        return ""
-    registered = {tuple(pair) for pair in about.get("registered", [])}
-    for pair, *_ in plan["parts"]:
-        indices = {"reference": pair[0], "source": pair[1]}
-        overlap = at(paths.OVERLAP, sequence=plan["sequence"], **indices)
-        if tuple(pair) not in registered and os.path.exists(overlap):
-            ratio = storage.read_about(overlap).get("overlap", 0.0)
-            if ratio > planner.config.perturbation.minimum_overlap:
-                return "pair {}-{} is registered now, and was not".format(*pair)
-    return ""
+    smallest = planner.config.perturbation.minimum_overlap
+    for name, sequence in _selected(planner, experiments, sequences):
+        if planner.config.experiments[name].measured:
+            continue
+        names = {"experiment": name, "sequence": sequence}
+        batches = range(len(planner.batches(name, sequence)))
+        files = (at(paths.OVERLAPS, **names, batch=batch) for batch in batches)
+        measured = storage.parts_of(path for path in files if _about(path) and path not in stale)
+        above = {
+            pair for pair, (_, told) in measured.items() if told.get("overlap", 0.0) > smallest
+        }
+        for path, table, plan in _estimates(planner, name, sequence):
+            about = None if path in stale else _about(path)
+            if not about or about.get("table") != table:
+                continue
+            found = {tables.pair_part(pair) for pair in about.get("registered", [])}
+            parts = [tables.pair_part(pair) for pair, *_ in plan()["parts"]]
+            if new := [pair for pair in parts if pair in above and pair not in found]:
+                yield path, f"pair {new[0]} is registered now, and was not"
 
 
 def _selected(planner, experiments, sequences):
@@ -180,49 +190,54 @@ def _selected(planner, experiments, sequences):
 def _plans(planner, experiments, sequences):
     """(path, table, function that makes the plan) of every file that the selection may make."""
     for sequence in sequences:
-        yield at(paths.POSES, sequence=sequence), "poses", lambda s=sequence: planner.poses(s)
-        if planner.config.data[sequence].registers:
-            for index in range(planner.config.data[sequence].scans - 1):
-                path = at(paths.REGISTRATION, sequence=sequence, reference=index, source=index + 1)
-                plan = partial(planner.registration, sequence, index)
-                yield path, "registrations", plan
-        for index in range(planner.config.data[sequence].scans):
-            path = at(paths.SCAN, sequence=sequence, index=index)
-            yield path, "scan", lambda s=sequence, k=index: planner.scan(s, k)
+        known = planner.config.data[sequence]
+        yield at(paths.POSES, sequence=sequence), "poses", partial(planner.poses, sequence)
+        if known.registers:
+            for batch in range(len(planner.registration_batches(sequence))):
+                path = at(paths.REGISTRATIONS, sequence=sequence, batch=batch)
+                yield path, "registrations", partial(planner.registrations, sequence, batch)
+        for batch in range(len(planner.scan_batches(sequence))):
+            path = at(paths.SCANS, sequence=sequence, batch=batch)
+            table = "timed_scans" if known.time else "scans"
+            yield path, table, partial(planner.scans, sequence, batch)
     for name, sequence in _selected(planner, experiments, sequences):
         yield from _plans_of(planner, name, sequence)
     for name in experiments:
         for table in OF_EXPLANATION:
             path = at(paths.OF_EXPERIMENT, experiment=name, table=table)
-            yield path, table, lambda n=name: planner.joined(n)
+            yield path, table, partial(planner.joined, name)
 
 
 def _plans_of(planner, name, sequence):
     names = {"experiment": name, "sequence": sequence}
-    for pair in planner.config.experiments[name].pairs[sequence]:
-        indices = {"reference": pair[0], "source": pair[1]}
-        overlap = at(paths.OVERLAP, sequence=sequence, **indices)
-        yield overlap, "overlap", lambda p=pair: planner.overlap(sequence, p)
-        checked = at(paths.PAIR, **names, **indices)
-        yield checked, "pairs", lambda p=pair: planner.pair(name, sequence, p)
-    yield at(paths.FIT_NUMBERS, **names), "fit_numbers", lambda: planner.fit(name, sequence)
+    checked = [(paths.PAIRS, "pairs"), (paths.OVERLAPS, "overlaps")]
+    checked += [(paths.FIT_NUMBERS, "fit_numbers")]
+    for batch in range(len(planner.batches(name, sequence))):
+        for template, table in checked:
+            path = at(template, **names, batch=batch)
+            yield path, table, partial(planner.checks, name, sequence, batch)
     diagnosis = at(paths.DIAGNOSIS, **names)
-    yield diagnosis, "diagnosis", lambda: planner.diagnosis(name, sequence)
+    yield diagnosis, "diagnosis", partial(planner.diagnosis, name, sequence)
     if planner.config.experiments[name].measured:
         instances = at(paths.INSTANCES, **names)
-        yield instances, "instances", lambda: planner.instances(name, sequence)
+        yield instances, "instances", partial(planner.instances, name, sequence)
+    yield from _estimates(planner, name, sequence)
+    if planner.estimator(name).returned.samples:
+        learned_from = at(paths.DESCRIPTORS, **names)
+        yield learned_from, "descriptors", partial(planner.descriptors, name, sequence)
+    for table in OF_EXPLANATION:
+        path = at(paths.OF_SEQUENCE, **names, table=table)
+        yield path, table, partial(planner.explanation, name, sequence)
+
+
+def _estimates(planner, name, sequence):
+    """The same of the files of runs and estimates of a sequence."""
     returns = planner.estimator(name).returned
     made = [
         (paths.RUNS, "runs", returns.samples),
         (paths.ESTIMATES, "estimates", returns.covariances),
     ]
+    names = {"experiment": name, "sequence": sequence}
     for job in range(len(planner.jobs(name, sequence))):
         for template, table in ((template, table) for template, table, is_made in made if is_made):
-            path = at(template, **names, job=job)
-            yield path, table, lambda k=job: planner.job(name, sequence, k)
-    if returns.samples:
-        learned_from = at(paths.DESCRIPTORS, **names)
-        yield learned_from, "descriptors", lambda: planner.descriptors(name, sequence)
-    for table in OF_EXPLANATION:
-        path = at(paths.OF_SEQUENCE, **names, table=table)
-        yield path, table, lambda: planner.explanation(name, sequence)
+            yield at(template, **names, job=job), table, partial(planner.job, name, sequence, job)

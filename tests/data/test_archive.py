@@ -195,7 +195,7 @@ def run_fetch_scan(tmp_path, content, drop_non_finite):
     path = archive_of(tmp_path, [*members, ("r/leica/pose_scanner_leica.csv", "")])
     script = Path(__file__).parents[2] / "workflow/scripts/fetch_scan.py"
     run = runpy.run_path(str(script))["fetch_scan"]
-    output = tmp_path / "scan_1.parquet"
+    output = tmp_path / "1.parquet"
     plan = {"index": 1, "drop_non_finite": drop_non_finite}
     run({"path": str(path)}, tmp_path / "cache", output, 2, plan, None)
     return output

@@ -3,12 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from icpshap import se3, tables
 from icpshap.causes.partial_overlap import PartialOverlap
-from icpshap.data.pair import Pair, describe_pair, read_pair, relative_pose
+from icpshap.data.pair import Pair, Pairs, describe_pair
 from icpshap.errors import DataError, PerturbationError
 
 
@@ -75,40 +74,32 @@ def test_a_scan_of_too_few_points_is_named(room_pair):
         described(room_pair, minimum_range=100.0)
 
 
-def test_a_pair_comes_back_from_its_tables(room_pair, tmp_path):
-    poses = np.stack([np.eye(4), room_pair.T_reference_source])
-    frames = {
-        "reference": (tables.points_frame(room_pair.reference), "scan", {}),
-        "source": (tables.points_frame(room_pair.source), "scan", {}),
-        "poses": (tables.poses_frame(poses), "poses", {}),
-        "overlap": (
-            pd.DataFrame({"overlapping": room_pair.overlapping}),
-            "overlap",
-            {"distance": 0.2},
-        ),
-    }
-    for name, (frame, table, about) in frames.items():
-        tables.write(tmp_path / name, frame, table, about)
-    found = read_pair(*(tmp_path / name for name in frames), (0, 1))
-    other = frames["overlap"][0].iloc[:-1]
-    tables.write(tmp_path / "other", other, "overlap", {"distance": 0.2})
-    with pytest.raises(DataError, match=r"other: 2999 marks of overlap for 3000 points .*source"):
-        read_pair(*(tmp_path / name for name in ("reference", "source", "poses", "other")), (0, 1))
-    for name in ("reference", "source", "T_reference_source", "overlapping", "overlap_distance"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(room_pair, name))
-    np.testing.assert_array_equal(relative_pose(poses, 0, 1), room_pair.T_reference_source)
-
-
-def test_a_pair_has_the_times_of_its_source(room_pair, tmp_path):
+@pytest.fixture
+def files(room_pair, tmp_path):
+    """Files of the scans, the poses and the overlap of the room, with another pair behind it."""
+    poses = np.stack([np.eye(4), room_pair.T_reference_source, np.eye(4)])
+    tables.write(tmp_path / "poses", tables.poses_frame(poses), "poses")
     times = np.linspace(0.0, 1.0, len(room_pair.source))
-    tables.write_scan(tmp_path / "reference", room_pair.reference, None, {})
-    tables.write_scan(tmp_path / "source", room_pair.source, times, {})
-    poses = tables.poses_frame(np.stack([np.eye(4), room_pair.T_reference_source]))
-    tables.write(tmp_path / "poses", poses, "poses")
-    overlap = pd.DataFrame({"overlapping": room_pair.overlapping})
-    tables.write(tmp_path / "overlap", overlap, "overlap", {"distance": 0.2})
-    paths = (tmp_path / name for name in ("reference", "source", "poses", "overlap"))
-    np.testing.assert_array_equal(read_pair(*paths, (0, 1)).source_times, times)
+    for name, index, points in (("a", 0, room_pair.reference), ("b", 1, room_pair.source)):
+        more = (2, room_pair.reference[:2000], times[:2000], 0)
+        scans = [(index, points, times, 0), *([more] if index else [])]
+        tables.write_scans(tmp_path / name, scans, {"time": "t"})
+    overlapping = room_pair.overlapping
+    overlaps = [((0, 1), overlapping, 0.8), ((1, 2), overlapping[:1999], 0.8)]
+    tables.write_overlaps(tmp_path / "overlaps", overlaps, {"distance": 0.2})
+    return [tmp_path / "b", tmp_path / "a"], tmp_path / "poses", [tmp_path / "overlaps"]
+
+
+def test_a_pair_comes_back_from_its_tables(room_pair, files):
+    pairs = Pairs(*files)
+    for found in (pairs.read((0, 1)), pairs.measured((0, 1), 0.2)):
+        for name in ("reference", "source", "T_reference_source", "overlapping"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(room_pair, name))
+        assert found.overlap_distance == 0.2
+        np.testing.assert_array_equal(found.source_times, np.linspace(0.0, 1.0, 3000))
+    with pytest.raises(DataError, match=r"overlaps: 1999 marks .* 2000 points of scan 2.\nHint"):
+        pairs.read((1, 2))
+    assert list(pairs.data([(0, 1)])) == ["scan_0", "scan_1"]
 
 
 def test_the_characteristic_length_is_of_the_overlap_that_the_chain_sees():

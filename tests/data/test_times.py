@@ -92,14 +92,10 @@ def test_a_format_without_times_is_told(tmp_path, monkeypatch):
     assert ".asc files are read without times, expected a format that has a column stamp" in message
 
 
-def test_a_table_holds_them_and_one_without_has_the_bytes_it_had(tmp_path):
-    paths = [tmp_path / name for name in ("timed", "plain", "as_before")]
-    tables.write_scan(paths[0], POINTS, TIMES, {"index": 1}, dropped_rows=0)
-    tables.write_scan(paths[1], POINTS, None, {"index": 1}, dropped_rows=0)
-    frame = tables.points_frame(POINTS)
-    tables.write(paths[2], frame, "scan", {"index": 1}, dropped_rows=0)
-    assert paths[1].read_bytes() == paths[2].read_bytes()
-    for path in paths[:2]:
-        np.testing.assert_array_equal(tables.read_points(path), POINTS)
-    np.testing.assert_array_equal(tables.read_times(paths[0]), TIMES)
-    assert tables.read_times(paths[1]) is None
+def test_a_table_holds_them_where_the_scan_has_them(tmp_path):
+    tables.write_scans(tmp_path / "timed", [(1, POINTS, TIMES, 0)], {"time": "stamp"})
+    tables.write_scans(tmp_path / "plain", [(1, POINTS, None, 0)], {})
+    for name, expected in (("timed", TIMES), ("plain", None)):
+        points, times = tables.read_scan(tmp_path / name, 1)
+        np.testing.assert_array_equal(points, POINTS)
+        np.testing.assert_array_equal(times, expected)

@@ -118,7 +118,7 @@ class TestVariants:
         planner = plans_of(change)
         plan = [
             planner.scan(ROOM, 0),
-            planner.pair(GRID, ROOM, (0, 1)),
+            planner.checks(GRID, ROOM, 0),
             planner.job(GRID, ROOM, 0),
             planner.explanation(GRID, ROOM),
             planner.joined(GRID),
@@ -153,14 +153,47 @@ class TestVariants:
 
         assert own({"time": "t"}) != own({"time": "stamp"}) != own({})
 
-    def test_how_many_points_are_left_is_checked_where_a_cause_asks_for_it(self):
-        def change(config):
-            config["experiments"][GRID]["instances"]["grid"]["icp_randomness"] = [2]
-            config["experiments"][GRID]["waterfall"]["icp_randomness"] = 2
 
-        pair = plans_of(change).pair(GRID, ROOM, (0, 1))
-        assert pair["estimator"]["perturbing"]["subsampling_probability"] == 0.2
-        assert "estimator" not in plans_of().pair(GRID, ROOM, (0, 1))
+class TestBatches:
+    """Scans are read and pairs are checked by the hundred, and only what a job holds decides it."""
+
+    def planner(self, scans, folder):
+        files = [folder / f"{index}.csv" for index in range(scans)]
+
+        def own(config):
+            config["data"]["own"] = {"scans": scans, "folder": {"path": str(folder)}}
+            config["experiments"]["tiny_fixed"]["sequences"] = ["own"]
+
+        return plans_of(own, {"own": (files, folder / "poses.txt")})
+
+    def digests(self, planner):
+        batches = range(len(planner.scan_batches("own")))
+        scans = [digest(planner.scans("own", batch)) for batch in batches]
+        return scans, planner.check_digests("tiny_fixed", "own"), jobs(planner, "tiny_fixed", "own")
+
+    def test_scans_at_the_end_change_the_last(self, tmp_path):
+        before, after = (self.digests(self.planner(scans, tmp_path)) for scans in (250, 310))
+        for were, are in zip(before, after, strict=True):
+            assert len(are) > len(were) > 2
+            assert are[: len(were) - 1] == were[:-1]
+
+    def test_an_edited_scan_changes_those_that_hold_it(self, tmp_path):
+        before = self.digests(self.planner(250, tmp_path))
+        (tmp_path / "120.csv").touch()
+        after = self.digests(self.planner(250, tmp_path))
+        changed = [
+            [number for number, (a, b) in enumerate(zip(*both, strict=True)) if a != b]
+            for both in zip(before, after, strict=True)
+        ]
+        assert changed[:2] == [[1], [1]] and 1 <= len(changed[2]) <= 4
+
+    def test_each_scan_of_an_archive_is_fetched_by_itself(self):
+        def remote(config):
+            config["data"]["own"] = {"scans": 250, "archive": {"url": "https://x"}}
+
+        planner = plans_of(remote)
+        assert len(planner.scan_batches("own")) == 250
+        assert planner.scans("own", 7) == planner.scan("own", 7)
 
 
 class TestHere:
@@ -346,9 +379,9 @@ def there(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     planner = plans_of()
     names = {"experiment": GRID, "sequence": ROOM}
-    pair = at(paths.PAIR, **names, reference=0, source=1)
-    data = {"scan_0.parquet": "a", "scan_1.parquet": "b"}
-    write(pair, "pairs", planner.pair(GRID, ROOM, (0, 1)), data=data)
+    pair = at(paths.PAIRS, **names, batch=0)
+    data = {"scan_0": "a", "scan_1": "b"}
+    write(pair, "pairs", planner.checks(GRID, ROOM, 0), data=data)
     runs = [at(paths.RUNS, **names, job=k) for k in range(len(planner.jobs(GRID, ROOM)))]
     for k, path in enumerate(runs):
         write(path, "runs", planner.job(GRID, ROOM, k), data=data, registered=[(0, 1)])
@@ -380,15 +413,15 @@ class TestReader:
 
     def test_runs_of_other_data_are_refused(self, there):
         planner, pair, runs = there
-        data = {"scan_0.parquet": "a", "scan_1.parquet": "old"}
+        data = {"scan_0": "a", "scan_1": "old"}
         write(runs[0], "runs", planner.job(GRID, ROOM, 0), data=data, registered=[(0, 1)])
-        with pytest.raises(tables.TableError, match=r"0.parquet: made from another scan_1.parquet"):
+        with pytest.raises(tables.TableError, match=r"0.parquet: made from another scan_1 "):
             self.check(planner, runs, pair)
 
     def test_a_table_of_another_plan_is_refused(self, there):
         planner, pair, _ = there
-        plans.check(pair, digest(planner.pair(GRID, ROOM, (0, 1))))
-        with pytest.raises(tables.TableError, match=r"0-1.parquet: made by another plan.\nHint"):
+        plans.check(pair, *planner.check_digests(GRID, ROOM))
+        with pytest.raises(tables.TableError, match=r"0.parquet: made by another plan.\nHint"):
             plans.check(pair, "something else")
 
 
@@ -469,8 +502,9 @@ class TestStart:
     def test_a_pair_that_is_registered_now_was_not_when_its_job_ran(self, there):
         planner, _, runs = there
         write(runs[0], "runs", planner.job(GRID, ROOM, 0), data={}, registered=[])
-        overlap = at(paths.OVERLAP, sequence=ROOM, reference=0, source=1)
-        write(overlap, "overlap", planner.overlap(ROOM, (0, 1)), overlap=0.8)
+        overlaps = at(paths.OVERLAPS, experiment=GRID, sequence=ROOM, batch=0)
+        Path(overlaps).parent.mkdir()
+        tables.write_overlaps(overlaps, [((0, 1), [True], 0.8)], planner.checks(GRID, ROOM, 0))
         (line,) = self.look(planner)
         assert "runs/0.parquet (pair 0-1 is registered now, and was not)" in line
 

@@ -13,6 +13,7 @@ import pytest
 import yaml
 from conftest import REPOSITORY
 
+from icpshap.errors import DataError, UserError
 from icpshap.jobs import parents, progress
 from icpshap.jobs import provenance as record
 
@@ -108,13 +109,13 @@ def run_job(logger, number, rule, **wildcards):
 
 def test_a_line_per_job_with_settings_done_and_time_left(watched):
     watched.logger.info("Job stats", extra={"event": "run_info", "stats": {"total": 12}})
-    run_job(watched.logger, 3, "read_scan", sequence="room", index="0")
+    run_job(watched.logger, 3, "read_scans", sequence="room", batch="0")
     info = {"event": "job_info", "jobid": 4, "rule_name": "run_icp", "wildcards": {"chunk": "0"}}
     watched.logger.info("starts", extra=info)
     watched.clock.now = 2.0
     watched.logger.info("ends", extra={"event": "job_finished", "job_id": 4})
     assert watched.terminal.getvalue().splitlines() == [
-        "[ 1/12] read_scan room 0",
+        "[ 1/12] read_scans room 0",
         "[ 2/12] run_icp 0: 5 of 20 settings, 0:06 left",
     ]
     assert watched.own.getvalue() == "Job stats\n"
@@ -158,7 +159,7 @@ def test_of_a_run_that_was_stopped_only_that_is_said(watched):
 def test_a_dry_run_keeps_snakemakes_own_lines(watched):
     watched.dry.run = True
     watched.logger.info("Job stats", extra={"event": "run_info", "stats": {"total": 1}})
-    run_job(watched.logger, 3, "read_scan", sequence="room")
+    run_job(watched.logger, 3, "read_scans", sequence="room")
     assert watched.terminal.getvalue() == ""
     assert watched.own.getvalue() == "Job stats\nstarts\nends\n"
 
@@ -166,6 +167,34 @@ def test_a_dry_run_keeps_snakemakes_own_lines(watched):
 @pytest.mark.parametrize("seconds, text", [(0.2, "0:00"), (65, "1:05"), (3661.4, "1:01:01")])
 def test_durations(seconds, text):
     assert progress.duration(seconds) == text
+
+
+class TestInTurn:
+    """A job of many items says how far it is, and names all that are bad."""
+
+    def test_what_fails_hides_nothing_of_the_others(self):
+        def do(item):
+            if item % 2:
+                raise UserError(f"item {item} is bad")
+            return -item
+
+        found = []
+        with pytest.raises(UserError, match=r"^item 1 is bad\nitem 3 is bad$"):
+            found.extend(progress.in_turn([0, 1, 2, 3, 4], do, "scans"))
+        assert found == [0, -2, -4]
+
+    def test_one_error_stays_what_it_is(self):
+        def do(item):
+            raise DataError("a.csv: no points", "get it again")
+
+        with pytest.raises(DataError, match=r"^a.csv: no points\nHint: get it again$"):
+            list(progress.in_turn([0], do, "scans"))
+
+    def test_the_log_says_how_far_it_is_now_and_then(self, caplog):
+        caplog.set_level(logging.INFO)
+        times = iter(range(0, 100, 4))
+        list(progress.in_turn(range(6), abs, "pairs", clock=lambda: next(times)))
+        assert caplog.messages == ["3 of 6 pairs, 0:12 left", "6 of 6 pairs, 0:00 left"]
 
 
 class TestCtrlC:

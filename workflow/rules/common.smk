@@ -6,6 +6,28 @@ import sys
 import time
 from dataclasses import asdict
 
+import yaml
+from snakemake.sourcecache import LocalSourceFile
+from snakemake.utils import update_config
+
+RULES = workflow.current_basedir
+
+
+def source(path):
+    """A file of this workflow, wherever that is taken from: of a hosted one, Snakemake's copy."""
+    file = RULES.join(f"../../{path}")
+    if isinstance(file, LocalSourceFile):
+        return os.path.abspath(file.get_path_or_uri(secret_free=True))
+    return str(workflow.sourcecache.get_path(file))
+
+
+ROOT = os.path.dirname(source("config.yaml"))
+# As a module of another workflow, this is not where Python looks for the library.
+IS_MODULE = workflow.modifier.is_module and not workflow.modifier.is_main_snakefile()
+if IS_MODULE and os.path.isdir(f"{ROOT}/icpshap"):
+    sys.path.insert(0, ROOT)
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [ROOT, os.environ.get("PYTHONPATH")]))
+
 from icpshap import config as configuration, options, storage
 from icpshap.data import citation
 from icpshap.data.folder import find_files
@@ -17,10 +39,17 @@ from icpshap.jobs.paths import at
 from icpshap.jobs.provenance import commit
 from icpshap.report.study import Study
 
+WHOLE_CONFIG = config
+if IS_MODULE:
+    # Its block of configuration is laid over the paper's, as a file of a user's own is.
+    with open(source("config.yaml"), encoding="utf-8") as file:
+        WHOLE_CONFIG = yaml.safe_load(file)
+    update_config(WHOLE_CONFIG, config)
+
 try:
     for path in workflow.configfiles:
         configuration.check_file(path)
-    CONFIG = configuration.load(config)
+    CONFIG = configuration.load(WHOLE_CONFIG)
 except configuration.ConfigError as error:
     raise WorkflowError(str(error)) from None
 
@@ -57,16 +86,14 @@ for key in CONFIG.sequences:
 PLANS = Plans(
     CONFIG,
     FOLDER_FILES,
-    lambda script, *plugins: digests.code_digest(
-        f"{workflow.basedir}/workflow/scripts/{script}.py", plugins
-    ),
+    lambda script, *plugins: digests.code_digest(source(f"workflow/scripts/{script}.py"), plugins),
 )
 
 # Jobs are parallel by processes; a library that starts threads of its own only gets in their way.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[variable] = "1"
 # All folders that use a clone share its caches, unless it can only be read.
-CACHES = f"{workflow.basedir if os.access(workflow.basedir, os.W_OK) else os.getcwd()}/.cache"
+CACHES = f"{ROOT if os.access(ROOT, os.W_OK) else os.getcwd()}/.cache"
 os.environ.setdefault("NUMBA_CACHE_DIR", f"{CACHES}/numba")
 os.environ.setdefault("MPLCONFIGDIR", f"{CACHES}/matplotlib")
 # Figures are drawn into files; no window may open.
@@ -105,7 +132,7 @@ wildcard_constraints:
     experiment="[a-z][a-z0-9_]*",
     # An experiment, or one sequence of it.
     scope="[a-z][a-z0-9_]*(/[a-z][a-z0-9_]*)?",
-    index=r"\d+",
+    batch=r"\d+",
     reference=r"\d+",
     source=r"\d+",
     job=r"\d+",
@@ -160,9 +187,9 @@ def is_here(wildcards):
     return bool(experiment_of(wildcards).measured)
 
 
-def pairs_read(wildcards):
+def pairs_of_job(wildcards):
     """The pairs that a job reads: those of its parts, or all that they may be played on."""
-    found = tuple(part.pair for part in parts_of(wildcards))
+    found = [part.pair for part in parts_of(wildcards)]
     if not is_here(wildcards):
         return found
     known = pairs_of(wildcards)
@@ -170,41 +197,34 @@ def pairs_read(wildcards):
     return known[max(first - NEIGHBOURS, 0) : last + NEIGHBOURS + 1]
 
 
-def scans_of(wildcards):
-    """Indices of the scans that a job reads."""
-    return sorted({index for pair in pairs_read(wildcards) for index in pair})
+def pairs_of_batch(wildcards):
+    """The pairs of a job that measures and checks them."""
+    return PLANS.batches(wildcards.experiment, wildcards.sequence)[int(wildcards.batch)]
 
 
-def index_of(part):
-    """Index of the scan that a part of a simulated sequence is; None for its poses."""
-    return None if part == "poses" else int(part.removeprefix("scan_"))
+def pairs_of_registrations(wildcards):
+    """The pairs of a job that makes poses by registering them."""
+    references = PLANS.registration_batches(wildcards.sequence)[int(wildcards.batch)]
+    return [(index, index + 1) for index in references]
 
 
-def plan_of_part(wildcards):
-    index = index_of(wildcards.part)
-    if index is None:
-        return PLANS.poses(wildcards.sequence)
-    return PLANS.scan(wildcards.sequence, index)
+def pair_of_scene(wildcards):
+    return [(int(wildcards.reference), int(wildcards.source))]
 
 
-def scans_until(wildcards):
-    """How many poses a part of a simulated sequence needs: a scan those up to its own."""
-    index = index_of(wildcards.part)
-    return sequence_of(wildcards).scans if index is None else index + 1
-
-
-def pair_of(wildcards):
-    return int(wildcards.reference), int(wildcards.source)
+def indices_of_scans(wildcards):
+    """The scans of a file of them."""
+    return PLANS.scan_batches(wildcards.sequence)[int(wildcards.batch)]
 
 
 def code(rule):
     """Digest of the library modules that a rule's script imports: editing them runs it again."""
-    return digests.code_digest(f"{workflow.basedir}/workflow/scripts/{rule}.py")
+    return digests.code_digest(source(f"workflow/scripts/{rule}.py"))
 
 
 def code_of_experiment(rule):
     """The same with the causes and the estimator of the job's experiment, and no others."""
-    script = f"{workflow.basedir}/workflow/scripts/{rule}.py"
+    script = source(f"workflow/scripts/{rule}.py")
     return lambda wildcards: digests.code_digest(script, estimator_of(wildcards).plugins)
 
 
@@ -216,36 +236,52 @@ def plugins_of(wildcards):
 # --- files -----------------------------------------------------------------------------------------
 
 
-def of_pair(template, wildcards, pair):
-    """The file of a pair of a job's sequence (and experiment)."""
-    reference, source = pair
-    return at(template, **dict(wildcards.items()), reference=reference, source=source)
+def scans_for(pairs_of):
+    """Input function: the files of the scans of pairs_of(wildcards)."""
+
+    def files(wildcards):
+        indices = {index for pair in pairs_of(wildcards) for index in pair}
+        batches = PLANS.scan_batches(wildcards.sequence)
+        size = len(batches[0])
+        found = sorted({index // size for index in indices})
+        return [at(paths.SCANS, sequence=wildcards.sequence, batch=batch) for batch in found]
+
+    return files
 
 
-def scan_of_pair(role):
-    """Input function: the reference or the source scan of a pair's job."""
-    return lambda wildcards: at(paths.SCAN, sequence=wildcards.sequence, index=wildcards[role])
+def checks_for(template, pairs_of):
+    """Input function: the files that tell of each of pairs_of(wildcards) what a check found."""
+
+    def files(wildcards):
+        names = {"experiment": wildcards.experiment, "sequence": wildcards.sequence}
+        batch_of = PLANS.batch_of(**names)
+        found = sorted({batch_of[pair] for pair in pairs_of(wildcards)})
+        return [at(template, **names, batch=batch) for batch in found]
+
+    return files
 
 
 def local_archive(wildcards):
     return sequence_of(wildcards).archive.get("path", [])
 
 
-def scans_of_job(wildcards):
-    return [at(paths.SCAN, sequence=wildcards.sequence, index=k) for k in scans_of(wildcards)]
+def of_old(template, plan, files):
+    """Input function: files(wildcards), but for a file that is there and has its plan as `ancient`.
 
-
-def overlaps_of_job(wildcards):
-    return [of_pair(paths.OVERLAP, wildcards, pair) for pair in pairs_read(wildcards)]
-
-
-def of_old(files, path, plan):
-    """Input files of which a newer one is no reason to make `path` again if its plan is the same.
-
-    More scans make the poses anew, and another smallest overlap the checks of pairs. Only then are
-    they `ancient`, since what depends on ancient files alone is not looked at any further.
+    A plan says all that decides a file. What else is made anew with its inputs, such as the scans
+    of other pairs in one file with its own, or the checks of pairs for another smallest overlap,
+    is no reason to make it again.
     """
-    return [ancient(file) for file in files] if is_settled(path, plan) else files
+
+    def inputs(wildcards):
+        made = template(wildcards) if callable(template) else template
+        made = at(made, **dict(wildcards.items()))
+        found = files(wildcards)
+        if not os.path.exists(made) or not is_settled(made, plan(wildcards)):
+            return found
+        return ancient(found) if isinstance(found, str) else [ancient(file) for file in found]
+
+    return inputs
 
 
 def scan_names(wildcards):
@@ -255,6 +291,17 @@ def scan_names(wildcards):
     return [os.path.relpath(path, folder) for path in scans]
 
 
+def files_of_scans(wildcards):
+    """The scan files of a folder that a job reads."""
+    files, _ = FOLDER_FILES[wildcards.sequence]
+    return [files[index] for index in indices_of_scans(wildcards)]
+
+
+def memory_of_files(wildcards, input):
+    """Resource mem_mb of reading the scan files of a folder one by one."""
+    return 300 + round(10 * max(map(os.path.getsize, input)) / 1e6)
+
+
 def memory_of_poses(wildcards):
     """Resource mem_mb of reading poses, which may ask two scans where quaternions have qw."""
     return 500 + round(20 * max(map(os.path.getsize, FOLDER_FILES[wildcards.sequence][0])) / 1e6)
@@ -262,35 +309,20 @@ def memory_of_poses(wildcards):
 
 def registrations_of(wildcards):
     """The registrations of the consecutive scans of a sequence."""
-    scans = sequence_of(wildcards).scans
-    return [of_pair(paths.REGISTRATION, wildcards, (k, k + 1)) for k in range(scans - 1)]
+    batches = range(len(PLANS.registration_batches(wildcards.sequence)))
+    return [at(paths.REGISTRATIONS, sequence=wildcards.sequence, batch=k) for k in batches]
 
 
-def poses_for(template, plan):
-    """Input function: the poses, for a file of this template and plan(wildcards)."""
-
-    def poses(wildcards):
-        made = at(template, **dict(wildcards.items()))
-        known = [at(paths.POSES, sequence=wildcards.sequence)]
-        return of_old(known, made, plan(wildcards))[0]
-
-    return poses
+def poses_of(wildcards):
+    return at(paths.POSES, sequence=wildcards.sequence)
 
 
-def plan_of_scan(wildcards):
-    return PLANS.scan(wildcards.sequence, int(wildcards.index))
+def plan_of_scans(wildcards):
+    return PLANS.scans(wildcards.sequence, int(wildcards.batch))
 
 
-def plan_of_overlap(wildcards):
-    return PLANS.overlap(wildcards.sequence, pair_of(wildcards))
-
-
-def plan_of_pair(wildcards):
-    return PLANS.pair(wildcards.experiment, wildcards.sequence, pair_of(wildcards))
-
-
-def plan_of_fit(wildcards):
-    return PLANS.fit(wildcards.experiment, wildcards.sequence)
+def plan_of_checks(wildcards):
+    return PLANS.checks(wildcards.experiment, wildcards.sequence, int(wildcards.batch))
 
 
 def plan_of_diagnosis(wildcards):
@@ -301,20 +333,9 @@ def plan_of_instances(wildcards):
     return PLANS.instances(wildcards.experiment, wildcards.sequence)
 
 
-def instances_for(template, plan):
-    """Input function: what is played of each pair, for a file of this template and plan(wildcards).
-
-    Nothing where the experiment has levels of its own.
-    """
-
-    def instances(wildcards):
-        if not is_here(wildcards):
-            return []
-        made = at(template, **dict(wildcards.items()))
-        known = [at(paths.INSTANCES, **dict(wildcards.items()))]
-        return of_old(known, made, plan(wildcards))
-
-    return instances
+def instances_of(wildcards):
+    """What is played of each pair, where instances are diagnosed."""
+    return [at(paths.INSTANCES, **dict(wildcards.items()))] if is_here(wildcards) else []
 
 
 def plan_of_job(wildcards):
@@ -325,24 +346,6 @@ def estimates_template(wildcards):
     return paths.RUNS if returns_of(wildcards).samples else paths.ESTIMATES
 
 
-def poses_of_job(wildcards):
-    return poses_for(estimates_template(wildcards), plan_of_job)(wildcards)
-
-
-def instances_of_job(wildcards):
-    return instances_for(estimates_template(wildcards), plan_of_job)(wildcards)
-
-
-def checks_of_job(wildcards):
-    checks = [of_pair(paths.PAIR, wildcards, part.pair) for part in parts_of(wildcards)]
-    made = at(estimates_template(wildcards), **dict(wildcards.items()))
-    return of_old(checks, made, plan_of_job(wildcards))
-
-
-def checks_of_pairs(wildcards):
-    return [of_pair(paths.PAIR, wildcards, pair) for pair in pairs_of(wildcards)]
-
-
 def descriptors_of_job(wildcards):
     """What the estimator of a job learns from: the other sequences of another experiment."""
     experiment, sequence = wildcards.experiment, wildcards.sequence
@@ -351,21 +354,6 @@ def descriptors_of_job(wildcards):
         at(paths.DESCRIPTORS, experiment=training, sequence=other)
         for other in PLANS.training_sequences(experiment, sequence)
     ]
-
-
-def scan_files_of_pairs(wildcards):
-    """The scans of all pairs of a sequence, in the order of their indices."""
-    scans = scans_of_pairs(wildcards)
-    return [at(paths.SCAN, sequence=wildcards.sequence, index=index) for index in scans]
-
-
-def overlaps_of_pairs(wildcards):
-    return [of_pair(paths.OVERLAP, wildcards, pair) for pair in pairs_of(wildcards)]
-
-
-def scans_of_pairs(wildcards):
-    """Indices of the scans of all pairs of a sequence."""
-    return sorted({index for pair in pairs_of(wildcards) for index in pair})
 
 
 def of_jobs(template, wildcards, jobs):
@@ -402,11 +390,18 @@ def memory_of_scans(base, per_million):
     """
 
     def mem_mb(wildcards, input):
-        scans = [path for path in input if re.search(r"scan_\d+[.]parquet$", path)]
-        points = max(storage.number_of_rows(path) for path in scans)
+        points = max(storage.largest_part(path) for path in input.scans)
         return base + round(per_million * points / 1e6)
 
     return mem_mb
+
+
+def tables_of_sequences(table):
+    """Input function: a table of each sequence of an experiment."""
+    return lambda wildcards: [
+        at(paths.OF_SEQUENCE, experiment=wildcards.experiment, sequence=sequence, table=table)
+        for sequence in experiment_of(wildcards).pairs
+    ]
 
 
 def shap_of_scope(wildcards):
@@ -589,7 +584,7 @@ def plugins_of_estimators(wildcards):
 
 def code_of_estimators(rule):
     """Digest of a rule's script with the causes and the kinds of all of its estimators."""
-    script = f"{workflow.basedir}/workflow/scripts/{rule}.py"
+    script = source(f"workflow/scripts/{rule}.py")
     return lambda wildcards: digests.code_digest(
         script, digests.plugins(plugins_of_estimators(wildcards))
     )
@@ -641,7 +636,7 @@ def compared_sections():
     Without those of several estimators, which have a figure of their own.
     """
     apart = {part for name in CONFIG.joined for part in CONFIG.by_estimator[name].values()}
-    with open(f"{workflow.basedir}/reference/table1.csv", encoding="utf-8") as table:
+    with open(source("reference/table1.csv"), encoding="utf-8") as table:
         known = {row["sequence"] for row in csv.DictReader(table)}
     return [
         section

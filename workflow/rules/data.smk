@@ -2,8 +2,9 @@
 
 Fetching does not depend on a digest of the code: an edited library is no reason to download again.
 
-Outputs: resources/{sequence}/scan_{index}.parquet, resources/{sequence}/poses.parquet; where ICP
-makes the poses, resources/{sequence}/registered/{reference}-{source}.parquet
+Outputs: resources/{sequence}/scans/{batch}.parquet, resources/{sequence}/poses.parquet; where ICP
+makes the poses, resources/{sequence}/registered/{batch}.parquet. A file holds the scans that one
+job read, or simulated; those of an archive are fetched each into its own.
 """
 
 
@@ -12,13 +13,13 @@ rule fetch_scan:
     input:
         archive=local_archive,
         # A wrong number of scans is said before any scan is fetched; more scans fetch no old one.
-        poses=poses_for(paths.SCAN, plan_of_scan),
+        poses=of_old(paths.SCANS, plan_of_scans, poses_of),
     output:
-        paths.SCAN,
+        paths.SCANS,
     log:
-        "logs/fetch_scan/{sequence}/{index}.log",
+        "logs/fetch_scan/{sequence}/{batch}.log",
     benchmark:
-        "logs/fetch_scan/{sequence}/{index}.tsv"
+        "logs/fetch_scan/{sequence}/{batch}.tsv"
     wildcard_constraints:
         sequence=keys_of_kind("archive"),
     priority: 20
@@ -29,7 +30,7 @@ rule fetch_scan:
     params:
         archive=lambda wildcards: sequence_of(wildcards).archive,
         cache=lambda wildcards: at(paths.ARCHIVE_CACHE, sequence=wildcards.sequence),
-        plan=plan_of_scan,
+        plan=plan_of_scans,
     script:
         "../scripts/fetch_scan.py"
 
@@ -60,26 +61,27 @@ rule fetch_poses:
         "../scripts/fetch_poses.py"
 
 
-rule read_scan:
-    """Read a scan of a folder."""
+rule read_scans:
+    """Read scans of a folder."""
     input:
-        lambda wildcards: FOLDER_FILES[wildcards.sequence][0][int(wildcards.index)],
+        files_of_scans,
     output:
-        paths.SCAN,
+        paths.SCANS,
     log:
-        "logs/read_scan/{sequence}/{index}.log",
+        "logs/read_scans/{sequence}/{batch}.log",
     benchmark:
-        "logs/read_scan/{sequence}/{index}.tsv"
+        "logs/read_scans/{sequence}/{batch}.tsv"
     wildcard_constraints:
         sequence=keys_of_kind("folder"),
     priority: 20
     threads: 1
     resources:
-        mem_mb=lambda wildcards, input: 300 + round(10 * input.size_mb),
+        mem_mb=memory_of_files,
     params:
-        plan=plan_of_scan,
+        plan=plan_of_scans,
+        indices=lambda wildcards: list(indices_of_scans(wildcards)),
     script:
-        "../scripts/read_scan.py"
+        "../scripts/read_scans.py"
 
 
 rule read_poses:
@@ -108,18 +110,17 @@ rule read_poses:
         "../scripts/read_poses.py"
 
 
-rule register_pair:
-    """Register two consecutive scans of a folder that has no poses."""
+rule register_pairs:
+    """Register consecutive scans of a folder that has no poses."""
     input:
-        reference=scan_of_pair("reference"),
-        source=scan_of_pair("source"),
+        scans=scans_for(pairs_of_registrations),
         guess=lambda wildcards: PLANS.guess(wildcards.sequence) or [],
     output:
-        paths.REGISTRATION,
+        paths.REGISTRATIONS,
     log:
-        "logs/register_pair/{sequence}/{reference}-{source}.log",
+        "logs/register_pairs/{sequence}/{batch}.log",
     benchmark:
-        "logs/register_pair/{sequence}/{reference}-{source}.tsv"
+        "logs/register_pairs/{sequence}/{batch}.tsv"
     wildcard_constraints:
         sequence=keys_of_folders(registers=True),
     priority: 20
@@ -128,9 +129,9 @@ rule register_pair:
         mem_mb=memory_of_scans(1050, 450),
     params:
         scans=lambda wildcards: sequence_of(wildcards).scans,
-        plan=lambda wildcards: PLANS.registration(wildcards.sequence, int(wildcards.reference)),
+        plan=lambda wildcards: PLANS.registrations(wildcards.sequence, int(wildcards.batch)),
     script:
-        "../scripts/register_pair.py"
+        "../scripts/register_pairs.py"
 
 
 rule register_poses:
@@ -155,45 +156,42 @@ rule register_poses:
         "../scripts/register_poses.py"
 
 
-rule simulate_sequence:
-    """Simulate the scans of a built-in scene; one job makes one scan or the poses."""
+rule simulate_scans:
+    """Simulate scans of a built-in scene."""
     output:
-        paths.RESOURCE,
+        paths.SCANS,
     log:
-        "logs/simulate_sequence/{sequence}/{part}.log",
+        "logs/simulate_scans/{sequence}/{batch}.log",
     benchmark:
-        "logs/simulate_sequence/{sequence}/{part}.tsv"
+        "logs/simulate_scans/{sequence}/{batch}.tsv"
     wildcard_constraints:
         sequence=keys_of_kind("simulated"),
-        part=r"poses|scan_\d+",
     priority: 20
     threads: 1
     resources:
         mem_mb=1000,
     params:
-        plan=plan_of_part,
-        scans=scans_until,
+        plan=plan_of_scans,
     script:
-        "../scripts/simulate_sequence.py"
+        "../scripts/simulate_scans.py"
 
 
-rule measure_overlap:
-    """Mark the source points of a pair that overlap with the reference at the true pose."""
-    input:
-        reference=scan_of_pair("reference"),
-        source=scan_of_pair("source"),
-        poses=poses_for(paths.OVERLAP, plan_of_overlap),
+rule simulate_poses:
+    """Simulate the poses of the scans of a built-in scene."""
     output:
-        paths.OVERLAP,
+        paths.POSES,
     log:
-        "logs/measure_overlap/{sequence}/{reference}-{source}.log",
+        "logs/simulate_poses/{sequence}.log",
     benchmark:
-        "logs/measure_overlap/{sequence}/{reference}-{source}.tsv"
+        "logs/simulate_poses/{sequence}.tsv"
+    wildcard_constraints:
+        sequence=keys_of_kind("simulated"),
     priority: 20
     threads: 1
     resources:
-        mem_mb=memory_of_scans(300, 250),
+        mem_mb=1000,
     params:
-        plan=plan_of_overlap,
+        plan=lambda wildcards: PLANS.poses(wildcards.sequence),
+        scans=lambda wildcards: sequence_of(wildcards).scans,
     script:
-        "../scripts/measure_overlap.py"
+        "../scripts/simulate_poses.py"

@@ -9,9 +9,9 @@ results/{experiment}/{sequence}/figures/diagnosis.{png,svg,txt}
 rule diagnose_sequence:
     """Say which cause stands out in each pair of a sequence, beside the other pairs."""
     input:
-        scans=scan_files_of_pairs,
-        poses=poses_for(paths.DIAGNOSIS, plan_of_diagnosis),
-        overlaps=overlaps_of_pairs,
+        scans=of_old(paths.DIAGNOSIS, plan_of_diagnosis, scans_for(pairs_of)),
+        poses=of_old(paths.DIAGNOSIS, plan_of_diagnosis, poses_of),
+        overlaps=of_old(paths.DIAGNOSIS, plan_of_diagnosis, checks_for(paths.OVERLAPS, pairs_of)),
     output:
         paths.DIAGNOSIS,
     log:
@@ -23,7 +23,6 @@ rule diagnose_sequence:
         mem_mb=memory_of_scans(500, 900),
     params:
         plan=plan_of_diagnosis,
-        scans=scans_of_pairs,
     script:
         "../scripts/diagnose_sequence.py"
 
@@ -32,9 +31,9 @@ rule find_instances:
     """Say what is played of each pair: the levels that were diagnosed, and on which pair."""
     input:
         diagnosis=paths.DIAGNOSIS,
-        scans=scan_files_of_pairs,
-        poses=poses_for(paths.INSTANCES, plan_of_instances),
-        overlaps=overlaps_of_pairs,
+        scans=of_old(paths.INSTANCES, plan_of_instances, scans_for(pairs_of)),
+        poses=of_old(paths.INSTANCES, plan_of_instances, poses_of),
+        overlaps=of_old(paths.INSTANCES, plan_of_instances, checks_for(paths.OVERLAPS, pairs_of)),
     output:
         paths.INSTANCES,
     log:
@@ -47,8 +46,6 @@ rule find_instances:
         mem_mb=memory_of_scans(300, 250),
     params:
         plan=plan_of_instances,
-        scans=scans_of_pairs,
-        overlaps=pairs_of,
     script:
         "../scripts/find_instances.py"
 

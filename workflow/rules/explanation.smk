@@ -10,10 +10,9 @@ TABLES = start.OF_EXPLANATION
 rule explain_sequence:
     """Divergences of every setting and Shapley values of every instance of a sequence."""
     input:
-        pairs=checks_of_pairs,
-        fit=paths.FIT_NUMBERS,
-        instances=lambda wildcards: [at(paths.INSTANCES, **dict(wildcards.items()))]
-        * is_here(wildcards),
+        pairs=checks_for(paths.PAIRS, pairs_of),
+        fit=checks_for(paths.FIT_NUMBERS, pairs_of),
+        instances=instances_of,
         runs=runs_of_sequence,
         estimates=estimates_of_sequence,
     output:
@@ -28,26 +27,24 @@ rule explain_sequence:
     params:
         plan=lambda wildcards: PLANS.explanation(wildcards.experiment, wildcards.sequence),
         jobs=lambda wildcards: PLANS.job_digests(wildcards.experiment, wildcards.sequence),
+        checks=lambda wildcards: PLANS.check_digests(wildcards.experiment, wildcards.sequence),
     script:
         "../scripts/explain_sequence.py"
 
 
 rule join_sequences:
-    """Put the sequences of an experiment into one table."""
+    """Put the sequences of an experiment into one table of each kind."""
     input:
-        lambda wildcards: [
-            at(paths.OF_SEQUENCE, **dict(wildcards.items()), sequence=sequence)
-            for sequence in experiment_of(wildcards).pairs
-        ],
+        **{table: tables_of_sequences(table) for table in TABLES},
     output:
-        paths.OF_EXPERIMENT,
+        **{table: at(paths.OF_EXPERIMENT, table=table) for table in TABLES},
     log:
-        "logs/join_sequences/{experiment}/{table}.log",
+        "logs/join_sequences/{experiment}.log",
     benchmark:
-        "logs/join_sequences/{experiment}/{table}.tsv"
-    wildcard_constraints:
-        table="|".join(TABLES),
+        "logs/join_sequences/{experiment}.tsv"
     threads: 1
+    resources:
+        mem_mb=1000,
     params:
         plan=lambda wildcards: PLANS.joined(wildcards.experiment),
     script:

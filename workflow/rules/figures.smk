@@ -44,10 +44,9 @@ rule draw_figure:
 rule draw_scene:
     """Draw the scans and the poses of a pair: a picture and an interactive page."""
     input:
-        reference=scan_of_pair("reference"),
-        source=scan_of_pair("source"),
+        scans=scans_for(pair_of_scene),
         poses=paths.POSES,
-        overlap=paths.OVERLAP,
+        overlaps=checks_for(paths.OVERLAPS, pair_of_scene),
         pairs=at(paths.OF_SEQUENCE, table="pairs"),
         runs=runs_of_scene,
     output:

@@ -25,9 +25,12 @@ def planned_settings_and_runs():
 CTRL_C = parents.CtrlC(progress.STOPPED)
 JOB_LINES = progress.Progress(sys.stderr, planned_settings_and_runs, settings_and_runs, ESTIMATING)
 if workflow.is_main_process:
-    signal.signal(signal.SIGINT, CTRL_C)
-    shell.prefix(parents.DEAF)
-    progress.replace_job_lines(logger, JOB_LINES, lambda: workflow.dryrun, lambda: CTRL_C.pressed)
+    # A workflow that has this as a module speaks for itself.
+    if not IS_MODULE:
+        signal.signal(signal.SIGINT, CTRL_C)
+        shell.prefix(parents.DEAF)
+        stopped = lambda: CTRL_C.pressed
+        progress.replace_job_lines(logger, JOB_LINES, lambda: workflow.dryrun, stopped)
     parents.be_parent()
     look_at_what_is_there()
 else:

@@ -2,69 +2,45 @@
 
 Data and checks go first (priority), so that what can be known to be wrong is said before any ICP.
 
-Outputs: results/{experiment}/{sequence}/pairs/{reference}-{source}.parquet,
-results/{experiment}/{sequence}/fit_numbers.parquet, and, as the experiment's
-estimator returns samples, covariances or both, results/{experiment}/{sequence}/runs/{job}.parquet
-and results/{experiment}/{sequence}/estimates/{job}.parquet
+Outputs: results/{experiment}/{sequence}/{pairs,overlaps,fit_numbers}/{batch}.parquet, and, as the
+experiment's estimator returns samples, covariances or both,
+results/{experiment}/{sequence}/runs/{job}.parquet and
+results/{experiment}/{sequence}/estimates/{job}.parquet
 """
 
 
-rule check_pair:
-    """Describe a pair, and stop before it is registered if it cannot be perturbed as asked."""
+rule check_pairs:
+    """Describe pairs, and stop before any is registered that cannot be perturbed as asked."""
     input:
-        reference=scan_of_pair("reference"),
-        source=scan_of_pair("source"),
-        poses=poses_for(paths.PAIR, plan_of_pair),
-        overlap=paths.OVERLAP,
-        # Demanded or not, it decides no number of the pair.
-        fit=paths.FIT_NUMBERS if CONFIG.stop_at_red else [],
+        scans=of_old(paths.PAIRS, plan_of_checks, scans_for(pairs_of_batch)),
+        poses=of_old(paths.PAIRS, plan_of_checks, poses_of),
     output:
-        paths.PAIR,
+        pairs=paths.PAIRS,
+        overlaps=paths.OVERLAPS,
+        fit_numbers=paths.FIT_NUMBERS,
     log:
-        "logs/check_pair/{experiment}/{sequence}/{reference}-{source}.log",
+        "logs/check_pairs/{experiment}/{sequence}/{batch}.log",
     benchmark:
-        "logs/check_pair/{experiment}/{sequence}/{reference}-{source}.tsv"
+        "logs/check_pairs/{experiment}/{sequence}/{batch}.tsv"
     priority: 10
     threads: 1
     resources:
-        mem_mb=memory_of_scans(300, 250),
+        mem_mb=memory_of_scans(400, 400),
     params:
-        plan=plan_of_pair,
+        plan=plan_of_checks,
+        stop_at_red=CONFIG.stop_at_red,
     script:
-        "../scripts/check_pair.py"
-
-
-rule measure_fit:
-    """Measure how the settings of an experiment fit the scans of a sequence."""
-    input:
-        scans=scan_files_of_pairs,
-        poses=poses_for(paths.FIT_NUMBERS, plan_of_fit),
-        overlaps=overlaps_of_pairs,
-    output:
-        paths.FIT_NUMBERS,
-    log:
-        "logs/measure_fit/{experiment}/{sequence}.log",
-    benchmark:
-        "logs/measure_fit/{experiment}/{sequence}.tsv"
-    priority: 15
-    threads: 1
-    resources:
-        mem_mb=memory_of_scans(300, 400),
-    params:
-        plan=plan_of_fit,
-        scans=scans_of_pairs,
-    script:
-        "../scripts/measure_fit.py"
+        "../scripts/check_pairs.py"
 
 
 rule run_icp:
     """Run ICP for the settings of a job: a share of a pair, or several pairs of a sequence."""
     input:
-        scans=scans_of_job,
-        poses=poses_of_job,
-        overlaps=overlaps_of_job,
-        pairs=checks_of_job,
-        instances=instances_of_job,
+        scans=of_old(estimates_template, plan_of_job, scans_for(pairs_of_job)),
+        poses=of_old(estimates_template, plan_of_job, poses_of),
+        overlaps=of_old(estimates_template, plan_of_job, checks_for(paths.OVERLAPS, pairs_of_job)),
+        pairs=of_old(estimates_template, plan_of_job, checks_for(paths.PAIRS, pairs_of_job)),
+        instances=of_old(estimates_template, plan_of_job, instances_of),
         training=descriptors_of_job,
     output:
         runs=paths.RUNS,
@@ -79,8 +55,6 @@ rule run_icp:
         mem_mb=memory_of_scans(1050, 450),
     params:
         plan=plan_of_job,
-        scans=scans_of,
-        overlaps=pairs_read,
     script:
         "../scripts/run_icp.py"
 

@@ -17,7 +17,7 @@ rule median_table:
     input:
         shap=at(paths.TABLE, table="shap"),
         resampled=at(paths.TABLE, table="resampled"),
-        paper=f"{workflow.basedir}/reference/table1.csv",
+        paper=source("reference/table1.csv"),
     output:
         md=report(
             at(paths.MEDIANS, kind="md"),
@@ -107,7 +107,7 @@ rule compare_with_paper:
     """Set the results of every estimator that was run against the paper's."""
     input:
         sections=files_of(compared_sections(), "shap"),
-        figures=f"{workflow.basedir}/reference/figures.csv",
+        figures=source("reference/figures.csv"),
     output:
         png=report(
             at(paths.COMPARISON, kind="png"),
@@ -147,9 +147,9 @@ rule provenance:
         mem_mb=500,
     params:
         code=code("provenance"),
-        config=config,
-        commit=commit(workflow.basedir),
-        root=workflow.basedir,
+        config=WHOLE_CONFIG,
+        commit=commit(ROOT),
+        root=ROOT,
         logs=paths.LOGS,
         sequences={key: CONFIG.data[key].kind for key in CONFIG.sequences},
     script:
@@ -166,7 +166,7 @@ rule report:
         diagnoses=[path for section in sections() for path in section["diagnoses"]],
         what_if=[section["what_if"] for section in sections() if section["what_if"]],
         provenance=paths.PROVENANCE,
-        template=f"{workflow.basedir}/icpshap/report/page.html",
+        template=source("icpshap/report/page.html"),
     output:
         page=report(
             paths.REPORT,

@@ -8,10 +8,10 @@ in `training`
 rule train_estimator:
     """Descriptors of a sequence's perturbed pairs, and the covariances of their runs."""
     input:
-        scans=scan_files_of_pairs,
+        scans=scans_for(pairs_of),
         poses=paths.POSES,
-        overlaps=overlaps_of_pairs,
-        pairs=checks_of_pairs,
+        overlaps=checks_for(paths.OVERLAPS, pairs_of),
+        pairs=checks_for(paths.PAIRS, pairs_of),
         runs=runs_of_sequence,
         estimates=estimates_of_sequence,
     output:
@@ -26,6 +26,5 @@ rule train_estimator:
     params:
         plan=lambda wildcards: PLANS.descriptors(wildcards.experiment, wildcards.sequence),
         jobs=lambda wildcards: PLANS.job_digests(wildcards.experiment, wildcards.sequence),
-        scans=scans_of_pairs,
     script:
         "../scripts/train_estimator.py"

@@ -3,28 +3,24 @@
 from functools import partial
 
 from icpshap import tables
-from icpshap.data.pair import read_pair
+from icpshap.data.pair import Pairs
 from icpshap.diagnosis.table import table
 from icpshap.estimators.perturb import Streams
-from icpshap.jobs import digests
 from icpshap.jobs.job import job
 
 
-def diagnose_sequence(paths, output, plan, scans):
-    points = dict(zip(scans, paths.scans, strict=True))
+def diagnose_sequence(paths, output, plan):
+    pairs = Pairs(paths.scans, paths.poses, paths.overlaps)
 
-    def load(indices, overlap):
-        reference, source = indices
-        pair = read_pair(points[reference], points[source], paths.poses, overlap, indices)
-        return pair.for_chain(plan["minimum_range"])
+    def load(indices):
+        return pairs.read(indices).for_chain(plan["minimum_range"])
 
-    loads = [partial(load, *of) for of in zip(plan["pairs"], paths.overlaps, strict=True)]
+    loads = [partial(load, indices) for indices in plan["pairs"]]
     streams = [Streams(plan["seed"], plan["sequence"], *indices) for indices in plan["pairs"]]
-    data = digests.data_digests(*paths.scans)
+    data = pairs.data(plan["pairs"])
     tables.write(output, table(loads, streams), "diagnosis", plan, data=data)
 
 
 if __name__ == "__main__":
     with job(snakemake, __file__):
-        found = (snakemake.params.plan, snakemake.params.scans)
-        diagnose_sequence(snakemake.input, snakemake.output[0], *found)
+        diagnose_sequence(snakemake.input, snakemake.output[0], snakemake.params.plan)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from icpshap import tables
-from icpshap.data.pair import read_pair
+from icpshap.data.pair import Pairs
 from icpshap.estimators import Estimator
 from icpshap.estimators.perturb import Draws, Perturbation, Streams
 from icpshap.explanation.method import Method
@@ -17,7 +17,7 @@ from icpshap.report.study import Study
 def draw_scene(paths, output, sequence, indices, params):
     pairs = tables.read(paths.pairs, "pairs")
     row = next(pairs[(pairs.reference == indices[0]) & (pairs.source == indices[1])].itertuples())
-    pair = read_pair(paths.reference, paths.source, paths.poses, paths.overlap, indices)
+    pair = Pairs(paths.scans, paths.poses, paths.overlaps).read(indices)
     runs = tables.read_all(paths.runs, "runs") if paths.runs else None
     if runs is not None:
         runs = runs[(runs.reference == indices[0]) & (runs.source == indices[1])]

@@ -11,9 +11,12 @@ from icpshap.jobs import plans, played
 from icpshap.jobs.job import job
 
 
-def explain_sequence(paths, output, planned, jobs):
+def explain_sequence(paths, output, planned, jobs, checked):
     causes = list(planned["off"])
     method = Method(**planned["method"], seed=planned["seed"])
+    for files in (paths.pairs, paths.fit):
+        for path, expected in zip(files, checked, strict=True):
+            plans.check(path, expected)
     pairs = tables.read_all(paths.pairs, "pairs")
     found = played.games(pairs, planned, paths.instances)
     for files in filter(None, (paths.runs, paths.estimates)):
@@ -34,8 +37,7 @@ def explain_sequence(paths, output, planned, jobs):
         if not game.reason:
             made["resampled"].append(games.resampled_values(*arguments))
     joined = {table: pd.concat(frames, ignore_index=True) for table, frames in made.items()}
-    plans.check(paths.fit, planned["fit"])
-    numbers = tables.read(paths.fit, "fit_numbers")
+    numbers = tables.read_all(paths.fit, "fit_numbers")
     run = played.as_run(joined["uncertainty"], planned)
     joined["fit"] = checks.complete(numbers, run, planned["off"])
     broken = checks.marked(played.as_run(joined["shap"], planned), joined["fit"]).misfit
@@ -47,4 +49,5 @@ def explain_sequence(paths, output, planned, jobs):
 if __name__ == "__main__":
     with job(snakemake, __file__):
         params = snakemake.params
-        explain_sequence(snakemake.input, snakemake.output, params.plan, params.jobs)
+        given = (params.plan, params.jobs, params.checks)
+        explain_sequence(snakemake.input, snakemake.output, *given)

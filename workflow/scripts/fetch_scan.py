@@ -31,7 +31,7 @@ def fetch_scan(archive, cache, output, scans, plan, terminal):
     finally:
         file.unlink()
     logging.info("%s: %d points, %d rows that are not finite dropped", where, len(points), dropped)
-    tables.write_scan(output, points, times, plan, dropped_rows=dropped)
+    tables.write_scans(output, [(index, points, times, dropped)], plan)
 
 
 if __name__ == "__main__":

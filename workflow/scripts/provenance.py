@@ -18,7 +18,7 @@ if __name__ == "__main__":
     with job(snakemake, __file__):
         write_provenance(
             snakemake.output[0],
-            snakemake.config,
+            snakemake.params.config,
             snakemake.params.sequences,
             snakemake.params.root,
             snakemake.params.logs,

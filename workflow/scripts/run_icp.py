@@ -4,28 +4,31 @@ import numpy as np
 import pandas as pd
 
 from icpshap import estimators, plan, tables
-from icpshap.data.pair import read_pair
+from icpshap.data.pair import Pairs
 from icpshap.estimators.perturb import Streams
-from icpshap.jobs import digests, plans, played
+from icpshap.jobs import plans, played
 from icpshap.jobs.job import job
+from icpshap.jobs.progress import in_turn
 
 
-def run_icp(paths, outputs, planned, scans, overlaps):
+def run_icp(paths, outputs, planned):
     estimator = trained(paths.training, planned)
     found = {table: [] for table in outputs}
-    points = dict(zip(scans, paths.scans, strict=True))
-    overlaps = dict(zip(overlaps, paths.overlaps, strict=True))
+    pairs = Pairs(paths.scans, paths.poses, paths.overlaps)
     games = played.games(tables.read_all(paths.pairs, "pairs"), planned, paths.instances)
-    registered = []
-    for part in (plan.Part(tuple(pair), *ends) for pair, *ends in planned["parts"]):
-        game = games[part.pair]
-        if settings := game.settings(part, planned["replicates"]):
-            clouds = [points[index] for index in game.run]
-            of_pair = read_pair(*clouds, paths.poses, overlaps[game.run], game.run)
-            for table, frame in estimate(of_pair, settings, estimator, planned, game).items():
-                found[table].append(frame)
-            registered.append(part.pair)
-    about = {"data": digests.data_digests(*paths.scans), "registered": registered}
+    parts = [plan.Part(tuple(pair), *ends) for pair, *ends in planned["parts"]]
+    settings = {part.pair: games[part.pair].settings(part, planned["replicates"]) for part in parts}
+    registered = [pair for pair in settings if settings[pair]]
+
+    def estimated(pair):
+        game = games[pair]
+        return estimate(pairs.read(game.run), settings[pair], estimator, planned, game)
+
+    for of_pair in in_turn(registered, estimated, "pairs"):
+        for table, frame in of_pair.items():
+            found[table].append(frame)
+    data = pairs.data([games[pair].run or pair for pair in settings])
+    about = {"data": data, "registered": registered}
     causes = [*planned["levels"], *planned.get("measured", ())]
     for table, output in outputs.items():
         frame = pd.concat(found[table]) if registered else tables.empty(table, causes, planned)
@@ -62,5 +65,4 @@ def estimate(pair, settings, estimator, planned, game):
 
 if __name__ == "__main__":
     with job(snakemake, __file__):
-        outputs, params = dict(snakemake.output.items()), snakemake.params
-        run_icp(snakemake.input, outputs, params.plan, params.scans, params.overlaps)
+        run_icp(snakemake.input, dict(snakemake.output.items()), snakemake.params.plan)
