@@ -23,7 +23,7 @@ def explain_sequence(paths, output, planned, jobs, checked):
     pairs = tables.read_all(paths.pairs, "pairs")
     for files in filter(None, (paths.runs, paths.estimates)):
         plans.check_estimates(files, jobs, planned, paths.pairs)
-    runs, estimates = (tables.read_by_pair(paths[name], name) for name in ("runs", "estimates"))
+    runs, estimates = (tables.ByPair(paths[name], name) for name in ("runs", "estimates"))
     made = {"pairs": [pairs], **{name: [] for name in games.Explanation._fields}}
     made["resampled"] = [tables.empty("resampled", causes)]
     for pair in pairs.itertuples():
