@@ -6,6 +6,7 @@ bytes.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from itertools import combinations
 
 import numpy as np
@@ -694,11 +695,28 @@ def read_all(paths, table):
     return pd.concat([read(path, table) for path in paths], ignore_index=True)
 
 
-def read_by_pair(paths, table):
-    """The rows of several files of the named table, by pair (reference, source); {} of no files."""
-    if not paths:
-        return {}
-    return dict(list(read_all(paths, table).groupby(["reference", "source"])))
+class ByPair:
+    """The rows of files of jobs, tables of runs or estimates, by pair (reference, source).
+
+    A file is read when one of its pairs is asked for, so that pairs in the order of the jobs take
+    the memory of a job or two, or of the one pair, however many there are.
+    """
+
+    def __init__(self, paths, table):
+        self._paths = {}
+        for path in paths:
+            for pair, *_ in read_about(path)["plan"]["parts"]:
+                self._paths.setdefault(tuple(pair), []).append(path)
+        self._read = lru_cache(maxsize=1)(partial(read, table=table))
+
+    def get(self, pair):
+        """The rows of a pair, in the order of the files; None if it has none."""
+        found = []
+        for path in self._paths.get(pair, ()):
+            frame = self._read(path)
+            rows = frame[(frame["reference"] == pair[0]) & (frame["source"] == pair[1])]
+            found += [rows] if len(rows) else []
+        return pd.concat(found, ignore_index=True) if found else None
 
 
 def read_about(path):

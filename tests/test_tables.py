@@ -88,3 +88,30 @@ def test_the_unit_of_a_level_is_that_of_the_variant(tmp_path):
         tables.write(path, runs, "runs", plan, ["sensor_noise"])
         assert pq.read_schema(path).field("sensor_noise").metadata[b"unit"] == unit
         assert len(tables.read(path, "runs")) == 0
+
+
+def test_the_rows_of_a_pair_are_found_in_the_files_of_its_jobs(tmp_path, monkeypatch):
+    """A pair may have several jobs, and a job several pairs; each file is read once, in order."""
+    known = tables.columns("runs", named(["sensor_noise"]))
+    zeros = {column.name: "" if column.type == "string" else 0 for column in known}
+    jobs = [[(0, 1)], [(0, 1), (1, 2), (2, 3)], [(3, 4)]]
+    paths = [tmp_path / f"{job}.parquet" for job in range(len(jobs))]
+    for job, (path, pairs) in enumerate(zip(paths, jobs, strict=True)):
+        # Of the pair 2-3, which was not registered, there are no rows.
+        rows = [{**zeros, "run": job, "reference": a, "source": b} for a, b in pairs if a != 2]
+        plan = {"parts": [[list(pair), 0, 1] for pair in pairs]}
+        tables.write(path, pd.DataFrame(rows), "runs", plan, ["sensor_noise"])
+    read = []
+
+    def noted(path, table, read_table=tables.read):
+        read.append(path)
+        return read_table(path, table)
+
+    monkeypatch.setattr(tables, "read", noted)
+    runs = tables.ByPair(paths, "runs")
+    found = {pair: runs.get(pair) for pair in [(0, 1), (1, 2), (2, 3), (3, 4), (7, 8)]}
+    assert [None if rows is None else rows["run"].tolist() for rows in found.values()] == [
+        *([0, 1], [1], None, [2], None),
+    ]
+    assert read == paths
+    assert tables.ByPair([], "runs").get((0, 1)) is None

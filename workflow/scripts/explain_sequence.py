@@ -21,7 +21,7 @@ def explain_sequence(paths, output, planned, jobs, checked):
     found = played.games(pairs, planned, paths.instances)
     for files in filter(None, (paths.runs, paths.estimates)):
         plans.check_estimates(files, jobs, planned, paths.pairs)
-    runs, estimates = (tables.read_by_pair(paths[name], name) for name in ("runs", "estimates"))
+    runs, estimates = (tables.ByPair(paths[name], name) for name in ("runs", "estimates"))
     pairs = played.described(pairs, found)
     made = {"pairs": [pairs], **{name: [] for name in games.Explanation._fields}}
     made["resampled"] = [tables.empty("resampled", causes, planned)]

@@ -16,7 +16,7 @@ from icpshap.jobs.job import job
 def train_estimator(paths, output, planned, jobs):
     for files in filter(None, (paths.runs, paths.estimates)):
         plans.check_estimates(files, jobs, planned, paths.pairs)
-    runs, estimates = (tables.read_by_pair(paths[name], name) for name in ("runs", "estimates"))
+    runs, estimates = (tables.ByPair(paths[name], name) for name in ("runs", "estimates"))
     pairs = Pairs(paths.scans, paths.poses, paths.overlaps)
     rows = tables.read_all(paths.pairs, "pairs")
     causes = list(planned["levels"])
