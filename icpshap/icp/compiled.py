@@ -59,7 +59,12 @@ def prefetch(typing_context, array, position):
 
 @functools.cache
 def announce_compilation(kernel):
-    """Log once that `kernel` is about to be compiled, unless the cache holds it already."""
+    """Log that the engine is compiled, once, if `kernel` is not in the cache already."""
     pattern = f"*.{kernel.py_func.__name__}-*.nbi"
     if not any(Path(kernel.stats.cache_path).glob(pattern)):
-        log.info("Compiling the ICP engine, once on this machine (up to a minute).")
+        _announce()
+
+
+@functools.cache
+def _announce():
+    log.info("Compiling the ICP engine, once on this machine (up to a minute).")
