@@ -17,7 +17,7 @@ from icpshap.errors import DataError
 SECONDS = 1500  # three minutes of work, on a machine that does something else besides
 
 
-@pytest.mark.slow
+@pytest.mark.job
 def test_no_fault_of_the_short_campaign_is_wrong_and_none_crashes_or_hangs():
     done = subprocess.run(
         [sys.executable, "-m", "benchmarks.faults", "--short"],

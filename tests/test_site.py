@@ -30,7 +30,7 @@ def test_the_site_is_made_and_has_what_pages_link_to(tmp_path):
     assert (tmp_path / "files" / "config.yaml").is_file()
 
 
-@pytest.mark.slow
+@pytest.mark.job
 def test_the_gallery_is_made_by_its_command(tmp_path):
     subprocess.run([sys.executable, "-m", "docs.gallery", tmp_path], cwd=REPOSITORY, check=True)
     page = (tmp_path / "gallery.md").read_text(encoding="utf-8")
