@@ -26,7 +26,8 @@ ROOT = os.path.dirname(source("config.yaml"))
 IS_MODULE = workflow.modifier.is_module and not workflow.modifier.is_main_snakefile()
 if IS_MODULE and os.path.isdir(f"{ROOT}/icpshap"):
     sys.path.insert(0, ROOT)
-    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [ROOT, os.environ.get("PYTHONPATH")]))
+    known = os.environ.get("PYTHONPATH")
+    os.environ.update(PYTHONPATH=os.pathsep.join(filter(None, [ROOT, known])))
 
 from icpshap import config as configuration, options, storage
 from icpshap.data import citation
