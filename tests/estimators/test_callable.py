@@ -419,7 +419,8 @@ def test_normals_of_open3d_are_kept_for_the_next_call_with_the_same_reference(ro
     assert registrations._with_normals.cache_info().hits == 1
     registrations.open3d(room_pair.reference + 0.01, room_pair.source, there)
     assert registrations._with_normals.cache_info().misses == 2
-    np.testing.assert_array_equal(*ends)
+    # Threads of Open3D, where there are several, sum in another order each time.
+    np.testing.assert_allclose(*ends, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["small_gicp", "open3d"])
