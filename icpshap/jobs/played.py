@@ -39,13 +39,13 @@ def games(pairs, planned, instances):
     if not instances:
         return {
             pair: Game(pair, planned["levels"], None if row.reason else pair, row.reason)
-            for pair, row in _by_pair(pairs).items()
+            for pair, row in by_pair(pairs).items()
         }
     (path,) = instances
     plans.check(path, planned["instances"])
-    found = _by_pair(tables.read(path, "instances"))
+    found = by_pair(tables.read(path, "instances"))
     causes = [*planned["levels"], *planned["measured"]]
-    return {pair: _diagnosed(pair, found[pair], causes) for pair in _by_pair(pairs)}
+    return {pair: _diagnosed(pair, found[pair], causes) for pair in by_pair(pairs)}
 
 
 def described(pairs, games):
@@ -54,9 +54,11 @@ def described(pairs, games):
     return pairs.assign(reason=reasons, registered=[not reason for reason in reasons])
 
 
-def scan_pair(game, pairs, planned):
-    """What an explanation knows of the pair that is run, under the name of that of the game."""
-    rows = _by_pair(pairs)
+def scan_pair(game, rows, planned):
+    """What an explanation knows of the pair that is run, under the name of that of the game.
+
+    rows: of the pairs table, as `by_pair` has them.
+    """
     if not tables.is_here(planned):
         return ScanPair.of(rows[game.pair])
     if game.run is None:
@@ -71,7 +73,8 @@ def as_run(table, planned):
     return table.assign(**{name: table[f"played_{name}"] for name in ("reference", "source")})
 
 
-def _by_pair(table):
+def by_pair(table):
+    """Rows of a table that has one of each pair, by pair (reference, source)."""
     return {(row.reference, row.source): row for row in table.itertuples()}
 
 

@@ -74,7 +74,8 @@ def test_each_distinct_setting_is_run_once_however_jobs_are_cut(instances, runs_
 
 def test_what_is_known_of_a_game_is_of_the_pair_that_is_run(instances):
     games = played.games(ROWS, PLANNED, instances)
-    none, other, own = (played.scan_pair(games[pair], ROWS, PLANNED) for pair in PAIRS)
+    rows = played.by_pair(ROWS)
+    none, other, own = (played.scan_pair(games[pair], rows, PLANNED) for pair in PAIRS)
     assert (other.reference, other.source, other.played) == (2, 3, (0, 1))
     assert other.characteristic_length == 1.0
     assert (own.played, own.characteristic_length) == ((4, 5), 5.0)
@@ -93,7 +94,7 @@ def test_levels_of_the_plan_are_played_on_the_pair_itself():
     assert games[2, 3].levels == planned["levels"]
     plain = ScanPair.of(next(ROWS.itertuples()))
     assert "played_reference" not in plain.columns
-    assert played.scan_pair(games[0, 1], rows, planned).columns == plain.columns
+    assert played.scan_pair(games[0, 1], played.by_pair(rows), planned).columns == plain.columns
 
 
 def test_instances_of_another_diagnosis_are_refused(instances):

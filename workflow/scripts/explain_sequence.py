@@ -23,6 +23,7 @@ def explain_sequence(paths, output, planned, jobs, checked):
         plans.check_estimates(files, jobs, planned, paths.pairs)
     runs, estimates = (tables.ByPair(paths[name], name) for name in ("runs", "estimates"))
     pairs = played.described(pairs, found)
+    rows = played.by_pair(pairs)
     made = {"pairs": [pairs], **{name: [] for name in games.Explanation._fields}}
     made["resampled"] = [tables.empty("resampled", causes, planned)]
     for indices, game in found.items():
@@ -30,7 +31,7 @@ def explain_sequence(paths, output, planned, jobs, checked):
         instances = instances.rename_axis("instance").reset_index()
         returned = (runs.get(indices), estimates.get(indices))
         read_by = (planned["off"], Returns(**planned["returns"]), method)
-        arguments = (*returned, instances, *read_by, played.scan_pair(game, pairs, planned))
+        arguments = (*returned, instances, *read_by, played.scan_pair(game, rows, planned))
         explained = games.explain(*arguments, game.reason)._asdict()
         for table, frame in explained.items():
             made[table].append(frame)
