@@ -244,7 +244,7 @@ def _scans(given):
 def _read(paths, given):
     from icpshap.one_pair.given import read_scan
 
-    columns = given.columns.split(",") if given.columns else None
+    columns = None if given.columns is None else given.columns.split(",")
     return [read_scan(path, columns) for path in paths]
 
 
@@ -365,7 +365,7 @@ def _require_place(option, path, taken):
     if path is None:
         return
     place = Path(path).absolute()
-    if not path or place.is_dir() or not _is_writable(place):
+    if not path or not _is_writable(place):
         raise UserError(
             f"{option} {path}: cannot be written, expected a file in a folder that is there and "
             "that you may write to.\nHint: make the folder, or give another place."
@@ -379,7 +379,11 @@ def _require_place(option, path, taken):
 
 def _is_writable(place):
     """Whether a file can be written, or made where there is none."""
-    return place.parent.is_dir() and os.access(place if place.exists() else place.parent, os.W_OK)
+    try:
+        there = place.exists()
+        return not place.is_dir() and os.access(place if there else place.parent, os.W_OK)
+    except OSError:  # such as a name that is too long
+        return False
 
 
 def _is_terminal(stream):

@@ -6,6 +6,7 @@ import time
 from benchmarks.faults import (
     damage,
     disk,
+    door,
     guarded,
     inputs,
     keys,
@@ -121,6 +122,12 @@ def odd_surroundings(campaign):
         yield from attempted(family, surroundings.faults_of_language(campaign))
 
 
+def one_pair(campaign):
+    arguments = (str(campaign.folder / "door"), campaign.seed, 40 if campaign.short else 600)
+    arguments += (campaign.short,)
+    return guarded.tried("function and command", door.faults, arguments, IN_PROCESS)
+
+
 def hostile_inputs(campaign):
     """Continuous integration runs these tests anyway."""
     return iter(()) if campaign.short else inputs.tried("hostile scans and archives")
@@ -141,6 +148,7 @@ FAMILIES = {
     "disk": full_disks,
     "library": edited_library,
     "surroundings": odd_surroundings,
+    "door": one_pair,
     "inputs": hostile_inputs,
 }
 
