@@ -23,6 +23,7 @@ from icpshap.estimators import KINDS
 from icpshap.estimators.perturb import Perturbation
 from icpshap.presets import DEFAULT_KIND, PAPER, Preset
 from icpshap.schema import EXPERIMENT_KEYS
+from icpshap.selection import Selection
 
 
 class ConfigError(UserError):
@@ -102,7 +103,8 @@ class Config:
     `by_estimator`: of each experiment of several estimators, which is none of `experiments` itself,
     the names of those that it is made of, by estimator; `joined` are those that are selected.
     `what_if`: of each experiment that has it, the names of the experiments that its changes make,
-    by the name of the change; they run with it and are no part of `run`.
+    by the name of the change; they run with it and are no part of `run`. `remarks`: what the
+    selected sequences lack for what the selected experiments ask for, a line each.
     """
 
     seed: int
@@ -117,6 +119,7 @@ class Config:
     experiments: dict[str, Experiment]
     by_estimator: dict[str, dict[str, str]]
     what_if: dict[str, dict[str, str]]
+    remarks: tuple[str, ...]
 
     def preset(self, experiment):
         """The `Preset` of an experiment's name; its causes act as they were diagnosed, if so."""
@@ -195,6 +198,7 @@ def load(config):
         experiments={name: _experiment(name, block, config) for name, block in experiments.items()},
         by_estimator=by_estimator,
         what_if=changes,
+        remarks=tuple(_remarks(config, experiments, run)),
     )
 
 
@@ -358,14 +362,30 @@ def _players(instances):
     return [*_levels(instances), *(shown() if "here" in instances else ())]
 
 
+def _selection(block):
+    """The `Selection` of an experiment's block; None if it lists its pairs."""
+    if isinstance(block["pairs"], list):
+        return None
+    return Selection(**({} if block["pairs"] == "consecutive" else block["pairs"]))
+
+
 def _pairs(block, data):
-    """The pairs of an experiment's block by sequence."""
-    if block["pairs"] != "consecutive":
+    """The pairs of an experiment's block by sequence; only sequences that have any."""
+    selection = _selection(block)
+    if selection is None:
         return _by_sequence(block["pairs"])
-    return {
-        sequence: tuple((i, i + 1) for i in range(data[sequence]["scans"] - 1))
-        for sequence in block["sequences"]
-    }
+    found = {name: selection.pairs(data[name]["scans"]) for name in block["sequences"]}
+    return {name: pairs for name, pairs in found.items() if pairs}
+
+
+def _remarks(config, experiments, run):
+    """What selected sequences lack for the pairs that experiments of the names `run` ask for."""
+    for name in dict.fromkeys(run):
+        selection = _selection(experiments[name])
+        for sequence in experiments[name]["sequences"] if selection else ():
+            remark = selection.remark(sequence, config["data"][sequence]["scans"])
+            if remark and sequence in config["sequences"]:
+                yield f"{name}: {remark}."
 
 
 def _by_sequence(pairs):
@@ -849,15 +869,16 @@ def _training_not_selected(where, name, training, sequences, config):
 
 
 def _experiment_inconsistencies(where, block, data):
-    if block["pairs"] == "consecutive":
+    listed = block["pairs"] if isinstance(block["pairs"], list) else []
+    if not listed:
         if "sequences" not in block:
-            yield f"{where}.sequences: missing; `pairs: consecutive` needs it"
+            form = "consecutive" if block["pairs"] == "consecutive" else "{...}"
+            yield f"{where}.sequences: missing; `pairs: {form}` needs it"
         for sequence in block.get("sequences", []):
             if sequence not in data:
                 yield f"{where}.sequences: {unknown(sequence, data)}"
     elif "sequences" in block:
         yield f"{where}.sequences: a list of pairs names its own sequences. Hint: remove the key"
-    listed = block["pairs"] if block["pairs"] != "consecutive" else []
     for key, pairs in (("pairs", listed), ("scenes", block.get("scenes", []))):
         for pair in pairs:
             if pair["sequence"] not in data:
@@ -872,7 +893,7 @@ def _experiment_inconsistencies(where, block, data):
                     )
             if pair["reference"] == pair["source"]:
                 yield f"{where}.{key}: reference and source are both scan {pair['source']}"
-            elif key == "scenes" and not _is_registered(pair, block):
+            elif key == "scenes" and not _is_registered(pair, block, data):
                 yield (
                     f"{where}.scenes: {pair['sequence']} {pair['reference']}, {pair['source']} is "
                     "not one of the experiment's pairs. Hint: list it under pairs too"
@@ -920,7 +941,7 @@ def _here_inconsistencies(where, block, data):
         if name not in names:
             yield f"{where}.dependence: {unknown(name, names, 'cause of the experiment')}"
     known = [name for name in block.get("sequences", []) if name in data]
-    if block["pairs"] != "consecutive" or known == block.get("sequences"):
+    if isinstance(block["pairs"], list) or known == block.get("sequences"):
         for sequence, pairs in _pairs(block, data).items():
             if len(pairs) < 2:
                 yield (
@@ -931,16 +952,18 @@ def _here_inconsistencies(where, block, data):
 
 def _number_of_pairs(block, data):
     """As far as the sequences are known."""
-    if block["pairs"] != "consecutive":
+    if isinstance(block["pairs"], list):
         return len(block["pairs"])
-    known = [data[name]["scans"] for name in block.get("sequences", []) if name in data]
-    return sum(scans - 1 for scans in known)
+    known = [name for name in block.get("sequences", []) if name in data]
+    return sum(len(pairs) for pairs in _pairs({**block, "sequences": known}, data).values())
 
 
-def _is_registered(pair, block):
-    if block["pairs"] == "consecutive":
-        return pair["sequence"] in block["sequences"] and pair["source"] == pair["reference"] + 1
-    return pair in block["pairs"]
+def _is_registered(pair, block, data):
+    if isinstance(block["pairs"], list):
+        return pair in block["pairs"]
+    sequence, indices = pair["sequence"], (pair["reference"], pair["source"])
+    selected = _selection(block).pairs(data[sequence]["scans"])
+    return sequence in block.get("sequences", []) and indices in selected
 
 
 def _instance_inconsistencies(where, block):

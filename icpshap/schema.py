@@ -11,6 +11,7 @@ from icpshap.data.scenes import SCENES
 from icpshap.estimators import KINDS
 from icpshap.estimators.perturb import Perturbation
 from icpshap.options import REQUIRED, option
+from icpshap.selection import MOST_SCANS, Selection
 
 # An end that Python and the editors' JavaScript read alike; a Python $ also ends before a newline.
 END = r"$(?!\n)"
@@ -138,7 +139,7 @@ class Sequence:
         REQUIRED,
         "Number of scans, numbered from 0. A pose file without a pose for each is an error",
         minimum=2,
-        maximum=1_000_000,
+        maximum=MOST_SCANS,
     )
     drop_non_finite: bool = option(
         False,
@@ -285,12 +286,21 @@ class Experiment:
         schema=NAMES,
     )
     sequences: list = option(
-        None, "The sequences of the experiment; needed when pairs is consecutive", schema=NAMES
+        None,
+        "The sequences of the experiment; needed unless pairs is a list, which names its own",
+        schema=NAMES,
     )
     pairs: list = option(
         REQUIRED,
-        "consecutive: scans i and i+1 of every sequence of the experiment; or a list of pairs",
-        schema={"oneOf": [{"type": "string", "enum": ["consecutive"]}, {**PAIRS, "minItems": 1}]},
+        "consecutive: scans i and i+1 of every sequence of the experiment; a mapping, which takes "
+        "every so many of them; or a list of pairs",
+        schema={
+            "oneOf": [
+                {"type": "string", "enum": ["consecutive"]},
+                {**PAIRS, "minItems": 1},
+                options.block(Selection),
+            ]
+        },
     )
     instances: dict = option(
         REQUIRED,

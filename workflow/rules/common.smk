@@ -5,6 +5,7 @@ import re
 import sys
 import time
 from dataclasses import asdict
+from functools import cache
 
 import yaml
 from snakemake.sourcecache import LocalSourceFile
@@ -242,8 +243,7 @@ def scans_for(pairs_of):
 
     def files(wildcards):
         indices = {index for pair in pairs_of(wildcards) for index in pair}
-        batches = PLANS.scan_batches(wildcards.sequence)
-        size = len(batches[0])
+        size = PLANS.scans_per_file(wildcards.sequence)
         found = sorted({index // size for index in indices})
         return [at(paths.SCANS, sequence=wildcards.sequence, batch=batch) for batch in found]
 
@@ -420,7 +420,7 @@ def selected_sequences(experiment):
 def scopes(experiment):
     """The whole experiment when all of its sequences are selected, else each selected sequence."""
     selected = selected_sequences(experiment)
-    if len(selected) == len(experiment.pairs):
+    if selected and len(selected) == len(experiment.pairs):
         return [experiment.name]
     return [f"{experiment.name}/{key}" for key in selected]
 
@@ -669,12 +669,16 @@ def look_at_what_is_there():
         logger.info(line)
 
 
+@cache  # so that its lines are said once
 def targets():
     """The files of every selected experiment that has a selected sequence."""
+    for line in CONFIG.remarks:
+        logger.info(line)
     for name in CONFIG.run:
         if not selected_sequences(CONFIG.experiments[name]):
             known = ", ".join(CONFIG.experiments[name].pairs)
-            logger.info(f"Skipping {name}: none of its sequences ({known}) is selected.")
+            why = f"none of its sequences ({known}) is selected" if known else "it has no pair"
+            logger.info(f"Skipping {name}: {why}.")
     found = files_of(sections(), "uncertainty", "shap", "directions", "pairs", "fit")
     for experiment, scope in selected_scopes():
         found.append(at(paths.TABLE, scope=scope, table="covariances"))
