@@ -23,7 +23,7 @@ from icpshap.estimators import KINDS
 from icpshap.estimators.perturb import Perturbation
 from icpshap.presets import DEFAULT_KIND, PAPER, Preset
 from icpshap.schema import EXPERIMENT_KEYS
-from icpshap.selection import Selection
+from icpshap.selection import FEWEST_OF_A_DRIVE, Selection
 
 
 class ConfigError(UserError):
@@ -379,13 +379,21 @@ def _pairs(block, data):
 
 
 def _remarks(config, experiments, run):
-    """What selected sequences lack for the pairs that experiments of the names `run` ask for."""
+    """What selected sequences lack for what experiments of the names `run` ask for."""
+    data = {name: config["data"][name] for name in config["sequences"]}
     for name in dict.fromkeys(run):
-        selection = _selection(experiments[name])
-        for sequence in experiments[name]["sequences"] if selection else ():
-            remark = selection.remark(sequence, config["data"][sequence]["scans"])
-            if remark and sequence in config["sequences"]:
-                yield f"{name}: {remark}."
+        block = experiments[name]
+        selection = _selection(block)
+        for sequence in block["sequences"] if selection else ():
+            if sequence in data:
+                remark = selection.remark(sequence, data[sequence]["scans"])
+                yield from [f"{name}: {remark}."] * bool(remark)
+        for sequence, pairs in _pairs(block, config["data"]).items():
+            if "drive" in block["figures"] and sequence in data and len(pairs) < FEWEST_OF_A_DRIVE:
+                yield (
+                    f"{name}: no figure drive of {sequence}: it has {len(pairs)} pairs, expected "
+                    f"at least {FEWEST_OF_A_DRIVE}."
+                )
 
 
 def _by_sequence(pairs):
@@ -931,11 +939,12 @@ def _here_inconsistencies(where, block, data):
                 f"{where}.{key}: which instance a pair has is known only when it is diagnosed. "
                 "Hint: leave it out, or give it an experiment with fixed levels"
             )
-    if "waterfall" in block["figures"]:
-        yield (
-            f"{where}.figures: waterfall shows one instance, and each pair has its own. "
-            "Hint: leave it out"
-        )
+    for figure in ("waterfall", "drive"):
+        if figure in block["figures"]:
+            yield (
+                f"{where}.figures: {figure} shows one instance, and each pair has its own. "
+                "Hint: leave it out"
+            )
     names = set(_players(block["instances"]))
     for name in (name for couple in block.get("dependence", []) for name in couple):
         if name not in names:
@@ -1005,8 +1014,10 @@ def _instance_inconsistencies(where, block):
     waterfall = block.get("waterfall")
     if waterfall is not None:
         yield from _waterfall_inconsistencies(where, waterfall, form, causes)
-    elif "waterfall" in block["figures"] and form == "grid":
-        yield f"{where}.waterfall: missing; figures asks for a waterfall plot of an instance"
+    elif form == "grid":
+        for figure, what in (("waterfall", "a waterfall plot"), ("drive", "the drive")):
+            if figure in block["figures"]:
+                yield f"{where}.waterfall: missing; figures asks for {what} of an instance"
     for couple in block.get("dependence", []):
         for name in couple:
             if name not in causes:

@@ -18,7 +18,7 @@ END = r"$(?!\n)"
 KEY = {"type": "string", "pattern": rf"^[a-z][a-z0-9_]*{END}", "maxLength": 64}
 TITLE = {"type": "string", "pattern": rf"^[^\x00-\x1f\x7f]*{END}", "maxLength": 100}
 NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1, "uniqueItems": True}
-FIGURES = ("summary", "waterfall", "dependence", "interactions", "directions", "pairs")
+FIGURES = ("summary", "waterfall", "dependence", "interactions", "directions", "pairs", "drive")
 MOST_LEVELS = 1000  # of one cause
 TILTING_BEAMS = 367_540  # of a full scan of the simulated tilting laser
 
@@ -326,7 +326,7 @@ class Experiment:
     )
     waterfall: dict = option(
         None,
-        "The instance that the waterfall plot shows; of the grid, or the fixed one",
+        "The instance that the waterfall plot and the drive show; of the grid, or the fixed one",
         schema=_values,
     )
     dependence: list = option(

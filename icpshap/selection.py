@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from icpshap.options import option
 
 MOST_SCANS = 1_000_000  # of a sequence
+FEWEST_OF_A_DRIVE = 5  # pairs of a sequence, from which on there is a figure along it
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,7 +30,7 @@ if IS_MODULE and os.path.isdir(f"{ROOT}/icpshap"):
     known = os.environ.get("PYTHONPATH")
     os.environ.update(PYTHONPATH=os.pathsep.join(filter(None, [ROOT, known])))
 
-from icpshap import config as configuration, options, storage
+from icpshap import config as configuration, options, selection, storage
 from icpshap.data import citation
 from icpshap.data.folder import find_files
 from icpshap.diagnosis.table import NEIGHBOURS
@@ -431,7 +431,7 @@ def figure_names(experiment):
     for figure in experiment.figures:
         if figure == "dependence":
             names += [f"dependence_{a}_by_{b}" for a, b in experiment.dependence]
-        else:
+        elif figure != "drive":  # which is of one sequence
             names.append(figure)
     return names
 
@@ -464,7 +464,7 @@ def figures_of(experiment, scope, kind):
     figures = [
         at(paths.FIGURE, scope=scope, figure=name, kind=kind) for name in figure_names(experiment)
     ]
-    first = diagnosis_figures(experiment, scope, kind)
+    first = diagnosis_figures(experiment, scope, kind) + drives_of(experiment, scope, kind)
     return first + figures + scenes_of(experiment, scope, kind)
 
 
@@ -489,6 +489,16 @@ def diagnosis_figures(experiment, scope, kind):
         at(paths.DIAGNOSIS_FIGURE, experiment=experiment.name, sequence=sequence, kind=kind)
         for sequence in sequences_of(experiment, scope)
         if len(experiment.pairs[sequence]) > 1
+    ]
+
+
+def drives_of(experiment, scope, kind):
+    """What is drawn, or listed, along each sequence of a scope, of enough pairs."""
+    return [
+        at(paths.DRIVE, experiment=experiment.name, sequence=sequence, kind=kind)
+        for sequence in sequences_of(experiment, scope)
+        if "drive" in experiment.figures
+        and len(experiment.pairs[sequence]) >= selection.FEWEST_OF_A_DRIVE
     ]
 
 
@@ -683,7 +693,7 @@ def targets():
     for experiment, scope in selected_scopes():
         found.append(at(paths.TABLE, scope=scope, table="covariances"))
         found += figures_of(experiment, scope, "png") + figures_of(experiment, scope, "txt")
-        found += scenes_of(experiment, scope, "html")
+        found += scenes_of(experiment, scope, "html") + drives_of(experiment, scope, "csv")
         if experiment.what_if:
             found += [at(paths.WHAT_IF, scope=scope, kind=kind) for kind in ("csv", "md")]
         if rankings_of(experiment, scope):
