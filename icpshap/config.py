@@ -60,7 +60,7 @@ class Sequence:
 MOST_SETTINGS = 100_000  # of a pair; the paper's grid has 1,331
 DATA_KINDS = ("archive", "folder", "simulated")
 # Folders of results/ and results/<experiment>/ that hold something else.
-RESERVED = {"experiments": ("comparison",), "data": ("figures", "tables")}
+RESERVED = {"experiments": ("comparison", "so_far"), "data": ("figures", "tables")}
 # Keys of an experiment of which it has one; an experiment takes that of its base unless it has any.
 WHO_ESTIMATES = ("estimator", "estimators")
 # Couples of the paper's dependence plots: the Shapley value of the first, coloured by the second.

@@ -457,7 +457,8 @@ def configuration():
             "The ways from a perturbed pair to an uncertainty, by name.", _any_estimator()
         ),
         "experiments": _mapping(
-            "The experiments, by name; results go to results/<name>/. Not called comparison.",
+            "The experiments, by name; results go to results/<name>/. Not called comparison or "
+            "so_far.",
             _open_to_others(options.block(Experiment), "experiment"),
         ),
     }

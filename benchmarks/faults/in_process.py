@@ -73,7 +73,7 @@ def files_of(found, experiment, sequence):
     jobs = range(len(found.jobs(experiment, sequence)))
     runs = [at(paths.RUNS, **names, job=job) for job in jobs]
     # Called by name and by key, as the lists of files of a Snakemake job are.
-    return Files(pairs=pairs, fit=fit, runs=runs, estimates=[])
+    return Files(pairs=pairs, fit=fit, runs=runs, estimates=[], instances=[])
 
 
 class Files(SimpleNamespace):

@@ -37,6 +37,8 @@ SUMMARY = "results/summary.txt"
 PROVENANCE = "results/provenance.yaml"
 CHECKSUMS = "results/checksums.sha256"
 
+SO_FAR = "results/so_far"
+
 LOGS = "logs"
 
 

@@ -86,12 +86,13 @@ def warnings(sections):
     return doubts.grouped(found)
 
 
-def page(sections, run, folder, comparison=None, joined=()):
+def page(sections, run, folder, comparison=None, joined=(), partial=()):
     """The page as HTML, with every picture inside it.
 
     run: what `jobs.provenance.provenance` returned; folder: where the page will lie, which links
     start from; comparison: (SVG path, caption, HTML table) of ours against the paper; joined: list
-    of `Estimators`, whose parts are among the sections.
+    of `Estimators`, whose parts are among the sections; partial: how much of each sequence this is
+    of, in words, if the workflow is not done.
     """
     environment = Environment(
         loader=FileSystemLoader(TEMPLATE.parent), autoescape=True, trim_blocks=False
@@ -110,6 +111,7 @@ def page(sections, run, folder, comparison=None, joined=()):
         parts=[section.scope for section in sections if section.study.name in parts],
         sections=[_described(section, folder) for section in sections],
         comparison=comparison and _comparison(*comparison),
+        partial=partial,
         run=run,
         configuration=configuration,
     )

@@ -59,6 +59,7 @@ STARTED = time.time()
 
 # Before the workflow is set up, only the command line tells what this is going to be.
 IS_RUN = start.is_run(sys.argv[1:])
+IS_SO_FAR = "so_far" in sys.argv[1:]  # a report on the run of another Snakemake
 
 if IS_RUN:
     try:
@@ -674,7 +675,9 @@ def titles():
 
 
 def look_at_what_is_there():
-    """Put aside what another plan made, and say it."""
+    """Put aside what another plan made, and say it; not while another Snakemake is at work."""
+    if IS_SO_FAR:
+        return
     for line in start.look(PLANS, CONFIG.planned, CONFIG.sequences, IS_RUN):
         logger.info(line)
 

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, StrMethodFormatter
 
 from icpshap.report import in_doubt, words
 from icpshap.report.figures.style import (
@@ -75,6 +75,7 @@ def _error(name, factor):
         values = factor * table[[f"clean_{name}", name]].dropna()
         if words.is_spread(values / max(values.median().median(), 1e-12)):
             axes.set_yscale("log")
+            axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         else:
             axes.set_ylim(0, 1.1 * values.max().max())
 
