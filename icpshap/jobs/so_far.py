@@ -57,6 +57,7 @@ def finished(planner, experiment, sequence):
             "runs": [],
             "estimates": [],
             "instances": [at(paths.INSTANCES, **names)] if known.measured else [],
+            "diagnosis": [at(paths.DIAGNOSIS, **names)] if known.measured else [],
             **{of: [at(file, **names, job=job) for job in done] for of, file in estimated.items()},
             **{of: [at(file, **names, batch=k) for k in sound] for of, file in checked.items()},
         },
@@ -105,7 +106,13 @@ def section(found, study, figure_names, folder):
         ranking=None,
         figures=pictures,
         links=list(files.values()),
+        diagnosis=_diagnosis(found["files"]["diagnosis"]),
     )
+
+
+def _diagnosis(files):
+    """That of all pairs, which instances that are diagnosed are told by; None of others."""
+    return tables.read_all(files, "diagnosis") if files else None
 
 
 def _picture(name, read, study, folder, title):

@@ -139,6 +139,17 @@ class TestFigure:
         assert [panel.get_ylabel() for panel in figure.axes] == LABELS[3:]
         assert "pose error" not in caption and "the largest f" in caption
 
+    def test_an_error_of_nothing_has_an_axis(self):
+        table = drive_table()
+        table[[name for name in table if name.endswith("_rmse")]] = 0.0
+        assert [panel.get_ylim() for panel in drawn(table)[0].axes[:2]] == [(0.0, 1.0)] * 2
+
+    def test_a_lost_pair_makes_the_axis_of_errors_logarithmic(self):
+        table = drive_table()
+        table.loc[2, "translation_rmse"] = 3.0
+        scales = [panel.get_yscale() for panel in drawn(table)[0].axes[:2]]
+        assert scales == ["log", "linear"]
+
     def test_without_a_value_it_says_so(self):
         table = without_value(drive_table(), list(range(12)), "overlap ratio")
         (axes,) = drawn(table)[0].axes

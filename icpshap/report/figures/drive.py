@@ -77,7 +77,7 @@ def _error(name, factor):
             axes.set_yscale("log")
             axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         else:
-            axes.set_ylim(0, 1.1 * values.max().max())
+            axes.set_ylim(0, 1.1 * values.max().max() or 1.0)
 
     return draw
 
