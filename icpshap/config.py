@@ -23,6 +23,7 @@ from icpshap.estimators import KINDS
 from icpshap.estimators.perturb import Perturbation
 from icpshap.presets import DEFAULT_KIND, PAPER, Preset
 from icpshap.schema import EXPERIMENT_KEYS
+from icpshap.selection import FEWEST_OF_A_DRIVE, Selection
 
 
 class ConfigError(UserError):
@@ -59,7 +60,7 @@ class Sequence:
 MOST_SETTINGS = 100_000  # of a pair; the paper's grid has 1,331
 DATA_KINDS = ("archive", "folder", "simulated")
 # Folders of results/ and results/<experiment>/ that hold something else.
-RESERVED = {"experiments": ("comparison",), "data": ("figures", "tables")}
+RESERVED = {"experiments": ("comparison", "so_far"), "data": ("figures", "tables")}
 # Keys of an experiment of which it has one; an experiment takes that of its base unless it has any.
 WHO_ESTIMATES = ("estimator", "estimators")
 # Couples of the paper's dependence plots: the Shapley value of the first, coloured by the second.
@@ -102,7 +103,8 @@ class Config:
     `by_estimator`: of each experiment of several estimators, which is none of `experiments` itself,
     the names of those that it is made of, by estimator; `joined` are those that are selected.
     `what_if`: of each experiment that has it, the names of the experiments that its changes make,
-    by the name of the change; they run with it and are no part of `run`.
+    by the name of the change; they run with it and are no part of `run`. `remarks`: what the
+    selected sequences lack for what the selected experiments ask for, a line each.
     """
 
     seed: int
@@ -117,6 +119,7 @@ class Config:
     experiments: dict[str, Experiment]
     by_estimator: dict[str, dict[str, str]]
     what_if: dict[str, dict[str, str]]
+    remarks: tuple[str, ...]
 
     def preset(self, experiment):
         """The `Preset` of an experiment's name; its causes act as they were diagnosed, if so."""
@@ -195,6 +198,7 @@ def load(config):
         experiments={name: _experiment(name, block, config) for name, block in experiments.items()},
         by_estimator=by_estimator,
         what_if=changes,
+        remarks=tuple(_remarks(config, experiments, run)),
     )
 
 
@@ -358,14 +362,38 @@ def _players(instances):
     return [*_levels(instances), *(shown() if "here" in instances else ())]
 
 
+def _selection(block):
+    """The `Selection` of an experiment's block; None if it lists its pairs."""
+    if isinstance(block["pairs"], list):
+        return None
+    return Selection(**({} if block["pairs"] == "consecutive" else block["pairs"]))
+
+
 def _pairs(block, data):
-    """The pairs of an experiment's block by sequence."""
-    if block["pairs"] != "consecutive":
+    """The pairs of an experiment's block by sequence; only sequences that have any."""
+    selection = _selection(block)
+    if selection is None:
         return _by_sequence(block["pairs"])
-    return {
-        sequence: tuple((i, i + 1) for i in range(data[sequence]["scans"] - 1))
-        for sequence in block["sequences"]
-    }
+    found = {name: selection.pairs(data[name]["scans"]) for name in block["sequences"]}
+    return {name: pairs for name, pairs in found.items() if pairs}
+
+
+def _remarks(config, experiments, run):
+    """What selected sequences lack for what experiments of the names `run` ask for."""
+    data = {name: config["data"][name] for name in config["sequences"]}
+    for name in dict.fromkeys(run):
+        block = experiments[name]
+        selection = _selection(block)
+        for sequence in block["sequences"] if selection else ():
+            if sequence in data:
+                remark = selection.remark(sequence, data[sequence]["scans"])
+                yield from [f"{name}: {remark}."] * bool(remark)
+        for sequence, pairs in _pairs(block, config["data"]).items():
+            if "drive" in block["figures"] and sequence in data and len(pairs) < FEWEST_OF_A_DRIVE:
+                yield (
+                    f"{name}: no figure drive of {sequence}: it has {len(pairs)} pairs, expected "
+                    f"at least {FEWEST_OF_A_DRIVE}."
+                )
 
 
 def _by_sequence(pairs):
@@ -849,15 +877,16 @@ def _training_not_selected(where, name, training, sequences, config):
 
 
 def _experiment_inconsistencies(where, block, data):
-    if block["pairs"] == "consecutive":
+    listed = block["pairs"] if isinstance(block["pairs"], list) else []
+    if not listed:
         if "sequences" not in block:
-            yield f"{where}.sequences: missing; `pairs: consecutive` needs it"
+            form = "consecutive" if block["pairs"] == "consecutive" else "{...}"
+            yield f"{where}.sequences: missing; `pairs: {form}` needs it"
         for sequence in block.get("sequences", []):
             if sequence not in data:
                 yield f"{where}.sequences: {unknown(sequence, data)}"
     elif "sequences" in block:
         yield f"{where}.sequences: a list of pairs names its own sequences. Hint: remove the key"
-    listed = block["pairs"] if block["pairs"] != "consecutive" else []
     for key, pairs in (("pairs", listed), ("scenes", block.get("scenes", []))):
         for pair in pairs:
             if pair["sequence"] not in data:
@@ -872,7 +901,7 @@ def _experiment_inconsistencies(where, block, data):
                     )
             if pair["reference"] == pair["source"]:
                 yield f"{where}.{key}: reference and source are both scan {pair['source']}"
-            elif key == "scenes" and not _is_registered(pair, block):
+            elif key == "scenes" and not _is_registered(pair, block, data):
                 yield (
                     f"{where}.scenes: {pair['sequence']} {pair['reference']}, {pair['source']} is "
                     "not one of the experiment's pairs. Hint: list it under pairs too"
@@ -910,17 +939,18 @@ def _here_inconsistencies(where, block, data):
                 f"{where}.{key}: which instance a pair has is known only when it is diagnosed. "
                 "Hint: leave it out, or give it an experiment with fixed levels"
             )
-    if "waterfall" in block["figures"]:
-        yield (
-            f"{where}.figures: waterfall shows one instance, and each pair has its own. "
-            "Hint: leave it out"
-        )
+    for figure in ("waterfall", "drive"):
+        if figure in block["figures"]:
+            yield (
+                f"{where}.figures: {figure} shows one instance, and each pair has its own. "
+                "Hint: leave it out"
+            )
     names = set(_players(block["instances"]))
     for name in (name for couple in block.get("dependence", []) for name in couple):
         if name not in names:
             yield f"{where}.dependence: {unknown(name, names, 'cause of the experiment')}"
     known = [name for name in block.get("sequences", []) if name in data]
-    if block["pairs"] != "consecutive" or known == block.get("sequences"):
+    if isinstance(block["pairs"], list) or known == block.get("sequences"):
         for sequence, pairs in _pairs(block, data).items():
             if len(pairs) < 2:
                 yield (
@@ -931,16 +961,18 @@ def _here_inconsistencies(where, block, data):
 
 def _number_of_pairs(block, data):
     """As far as the sequences are known."""
-    if block["pairs"] != "consecutive":
+    if isinstance(block["pairs"], list):
         return len(block["pairs"])
-    known = [data[name]["scans"] for name in block.get("sequences", []) if name in data]
-    return sum(scans - 1 for scans in known)
+    known = [name for name in block.get("sequences", []) if name in data]
+    return sum(len(pairs) for pairs in _pairs({**block, "sequences": known}, data).values())
 
 
-def _is_registered(pair, block):
-    if block["pairs"] == "consecutive":
-        return pair["sequence"] in block["sequences"] and pair["source"] == pair["reference"] + 1
-    return pair in block["pairs"]
+def _is_registered(pair, block, data):
+    if isinstance(block["pairs"], list):
+        return pair in block["pairs"]
+    sequence, indices = pair["sequence"], (pair["reference"], pair["source"])
+    selected = _selection(block).pairs(data[sequence]["scans"])
+    return sequence in block.get("sequences", []) and indices in selected
 
 
 def _instance_inconsistencies(where, block):
@@ -982,8 +1014,10 @@ def _instance_inconsistencies(where, block):
     waterfall = block.get("waterfall")
     if waterfall is not None:
         yield from _waterfall_inconsistencies(where, waterfall, form, causes)
-    elif "waterfall" in block["figures"] and form == "grid":
-        yield f"{where}.waterfall: missing; figures asks for a waterfall plot of an instance"
+    elif form == "grid":
+        for figure, what in (("waterfall", "a waterfall plot"), ("drive", "the drive")):
+            if figure in block["figures"]:
+                yield f"{where}.waterfall: missing; figures asks for {what} of an instance"
     for couple in block.get("dependence", []):
         for name in couple:
             if name not in causes:

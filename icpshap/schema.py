@@ -11,13 +11,14 @@ from icpshap.data.scenes import SCENES
 from icpshap.estimators import KINDS
 from icpshap.estimators.perturb import Perturbation
 from icpshap.options import REQUIRED, option
+from icpshap.selection import MOST_SCANS, Selection
 
 # An end that Python and the editors' JavaScript read alike; a Python $ also ends before a newline.
 END = r"$(?!\n)"
 KEY = {"type": "string", "pattern": rf"^[a-z][a-z0-9_]*{END}", "maxLength": 64}
 TITLE = {"type": "string", "pattern": rf"^[^\x00-\x1f\x7f]*{END}", "maxLength": 100}
 NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1, "uniqueItems": True}
-FIGURES = ("summary", "waterfall", "dependence", "interactions", "directions", "pairs")
+FIGURES = ("summary", "waterfall", "dependence", "interactions", "directions", "pairs", "drive")
 MOST_LEVELS = 1000  # of one cause
 TILTING_BEAMS = 367_540  # of a full scan of the simulated tilting laser
 
@@ -138,7 +139,7 @@ class Sequence:
         REQUIRED,
         "Number of scans, numbered from 0. A pose file without a pose for each is an error",
         minimum=2,
-        maximum=1_000_000,
+        maximum=MOST_SCANS,
     )
     drop_non_finite: bool = option(
         False,
@@ -285,12 +286,21 @@ class Experiment:
         schema=NAMES,
     )
     sequences: list = option(
-        None, "The sequences of the experiment; needed when pairs is consecutive", schema=NAMES
+        None,
+        "The sequences of the experiment; needed unless pairs is a list, which names its own",
+        schema=NAMES,
     )
     pairs: list = option(
         REQUIRED,
-        "consecutive: scans i and i+1 of every sequence of the experiment; or a list of pairs",
-        schema={"oneOf": [{"type": "string", "enum": ["consecutive"]}, {**PAIRS, "minItems": 1}]},
+        "consecutive: scans i and i+1 of every sequence of the experiment; a mapping, which takes "
+        "every so many of them; or a list of pairs",
+        schema={
+            "oneOf": [
+                {"type": "string", "enum": ["consecutive"]},
+                {**PAIRS, "minItems": 1},
+                options.block(Selection),
+            ]
+        },
     )
     instances: dict = option(
         REQUIRED,
@@ -316,7 +326,7 @@ class Experiment:
     )
     waterfall: dict = option(
         None,
-        "The instance that the waterfall plot shows; of the grid, or the fixed one",
+        "The instance that the waterfall plot and the drive show; of the grid, or the fixed one",
         schema=_values,
     )
     dependence: list = option(
@@ -447,7 +457,8 @@ def configuration():
             "The ways from a perturbed pair to an uncertainty, by name.", _any_estimator()
         ),
         "experiments": _mapping(
-            "The experiments, by name; results go to results/<name>/. Not called comparison.",
+            "The experiments, by name; results go to results/<name>/. Not called comparison or "
+            "so_far.",
             _open_to_others(options.block(Experiment), "experiment"),
         ),
     }

@@ -25,3 +25,31 @@ def test_a_waterfall_of_several_pairs_is_an_error_of_the_configuration(config):
     config["experiments"]["same_perturbation"]["figures"] += ["waterfall"]
     with pytest.raises(configuration.ConfigError, match="waterfall shows one pair, and the exper"):
         configuration.load(config)
+
+
+def test_a_drive_of_a_grid_needs_the_instance_that_it_shows(config):
+    block = config["experiments"]["different_perturbations"]
+    block["figures"] = ["drive"]
+    assert "drive" in configuration.load(config).experiments["different_perturbations"].figures
+    del block["waterfall"]
+    with pytest.raises(configuration.ConfigError, match="asks for the drive of an instance"):
+        configuration.load(config)
+
+
+def test_a_drive_of_diagnosed_instances_is_an_error(config):
+    block = config["experiments"]["same_perturbation"]
+    block |= {"instances": "here", "figures": ["drive"]}
+    with pytest.raises(configuration.ConfigError, match="drive shows one instance, and each pair"):
+        configuration.load(config)
+
+
+def test_a_sequence_of_few_pairs_has_no_drive_and_that_is_said(config):
+    block = config["experiments"]["same_perturbation"]
+    block |= {"figures": ["drive"], "pairs": {"count": 4}}
+    config["sequences"] = ["stairs"]
+    (line,) = configuration.load(config).remarks
+    assert line == (
+        "same_perturbation: no figure drive of stairs: it has 4 pairs, expected at least 5."
+    )
+    block["pairs"] = {"count": 5}
+    assert configuration.load(config).remarks == ()

@@ -176,13 +176,16 @@ def test_there_are_commands():
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.line)
 def test_commands_are_valid(command):
     arguments = command.arguments
+    base = PAPER_CONFIG
     for file in arguments.configfile or []:
         # A file of the repository, or one that the page tells the user to write.
         assert (REPOSITORY / file).is_file() or f"`{file}`" in prose(command.page)
+        if (REPOSITORY / file).is_file():
+            base = laid_over(base, yaml.safe_load((REPOSITORY / file).read_text()))
     overrides = [part.partition("=") for part in arguments.config or []]
     overlay = {key: yaml.safe_load(value) for key, _, value in overrides}
     if overlay:
-        settings.load(laid_over(PAPER_CONFIG, overlay))
+        settings.load(laid_over(base, overlay))
     for word in shlex.split(command.line):
         assert not re.search(r"[\[\]{}]", word) or f"'{word}'" in command.line, "zsh needs quotes"
 

@@ -129,3 +129,10 @@ def test_its_covariances_are_not_exported_as_those_of_the_pairs(finished, capsys
 def test_another_diagnosis_plans_all_again(finished):
     changed = finished.planned("--configfile", "tiny_here.yaml", "--config", "seed=7")
     assert {"diagnose_sequence", "find_instances", "run_icp"} <= set(changed)
+
+
+def test_what_is_finished_so_far_is_the_same(finished, shap):
+    said = finished.run("so_far", "--nolock", "--configfile", "tiny_here.yaml")
+    assert "tiny_here/corridor: 6 of 6 pairs" in said
+    so_far = pd.read_parquet(finished.folder / "results/so_far/tiny_here/corridor/shap.parquet")
+    pd.testing.assert_frame_equal(so_far, shap, check_exact=True)

@@ -24,6 +24,7 @@ TABLE = "results/{scope}/{table}.parquet"
 
 FIGURE = "results/{scope}/figures/{figure}.{kind}"
 SCENE = "results/{experiment}/{sequence}/figures/scene_{reference}-{source}.{kind}"
+DRIVE = "results/{experiment}/{sequence}/figures/drive.{kind}"
 MEDIANS = "results/{scope}/tables/median_shap.{kind}"
 OUTLIER_RULES = "results/{scope}/tables/outlier_rules.csv"
 BY_ESTIMATOR = "results/{scope}/tables/by_estimator.{kind}"
@@ -35,6 +36,8 @@ REPORT = "results/report.html"
 SUMMARY = "results/summary.txt"
 PROVENANCE = "results/provenance.yaml"
 CHECKSUMS = "results/checksums.sha256"
+
+SO_FAR = "results/so_far"
 
 LOGS = "logs"
 

@@ -121,6 +121,7 @@ class Plans:
         self.jobs = cache(self._jobs)
         self.overlap = cache(self._overlap)
         self.scan = cache(self._scan)
+        self.scan_batches = cache(self._scan_batches)
         self.checks = cache(self._checks_of_batch)
         self.batches = cache(self._batches)
         self.batch_of = cache(self._batch_of)
@@ -140,11 +141,23 @@ class Plans:
         found = self.variants(experiment)
         return {"variants": found} if found else {}
 
-    def scan_batches(self, sequence):
-        """Indices of the scans of each file; each scan of an archive has its own, since fetched."""
+    def scans_per_file(self, sequence):
+        """The file of a scan is its index by this; one of an archive has its own, since fetched."""
+        return 1 if self.config.data[sequence].kind == "archive" else plan.SCANS_PER_JOB
+
+    def _scan_batches(self, sequence):
+        """Indices of the scans of each file: those that a pair of any experiment names.
+
+        Of a file without such a scan, which nothing asks for, all that it may hold.
+        """
         known = self.config.data[sequence]
-        size = 1 if known.kind == "archive" else plan.SCANS_PER_JOB
-        return plan.batches(range(known.scans), size)
+        everything = plan.batches(range(known.scans), self.scans_per_file(sequence))
+        if known.registers:
+            return everything
+        experiments = self.config.experiments.values()
+        pairs = {pair for found in experiments for pair in found.pairs.get(sequence, ())}
+        needed = {index for pair in pairs for index in pair}
+        return [[index for index in batch if index in needed] or batch for batch in everything]
 
     def scans(self, sequence, batch):
         """That of a file of scans."""

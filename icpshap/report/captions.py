@@ -7,7 +7,7 @@ tables, and studies `study.Study`.
 import numpy as np
 
 from icpshap.explanation import readings
-from icpshap.report import directions, doubts, effects, fit, here, pose_error, words
+from icpshap.report import directions, doubts, effects, fit, here, in_doubt, pose_error, words
 from icpshap.report.study import contains_zero, judged, pairs_of
 
 ALONE = "One cause has nothing to interact with."
@@ -262,7 +262,7 @@ def noise_floor(table, study):
 
 def caption(figure, table, study):
     """The caption of a figure by its name, one paragraph: what breaks it first, warnings last."""
-    of_chance = noise_floor(table, study) if figure in ("waterfall", "pairs") else []
+    of_chance = noise_floor(table, study) if figure in ("waterfall", "pairs", "drive") else []
     opening = _opening(figure, table, study)
     return _broken_first([opening, *of_all(table, study), *of_chance], table, study)
 
@@ -439,11 +439,34 @@ def _pairs(table, study):
     )
 
 
+def _drive(table, study):
+    error = "pose error (root mean square), the share W of " if study.returns.samples else ""
+    wrong = "runs that failed or ended in a wrong basin, " if study.returns.samples else ""
+    shaded = "; shaded are 95 % intervals" * bool(study.interval_over(table))
+    text = (
+        f"Along the drive: {error}{wrong}f, and the Shapley values of the causes, by the source "
+        f"scan, {which_pairs(table, study)} {which_instances(table, study)}{shaded}. "
+        f"{words.AXIS.strip() * words.is_spread(table[[*study.phi(table), 'f']])}"
+    )
+    ranks = in_doubt.ranking(table, study)
+    if len(ranks):
+        named = ", ".join(f"{row.reference}–{row.source}" for row in ranks.itertuples())
+        text += (
+            f" Stripes mark the pairs most in doubt, with their rank: {in_doubt.how(study)}. In "
+            f"that order they are {named}; the table beside the figure has their numbers."
+        )
+    missing = table.reason != ""
+    if missing.any():
+        text += f" {missing.sum()} of {len(table)} pairs were not registered (crosses)."
+    return " ".join(text.split())
+
+
 OPENINGS = {
     "summary": _summary,
     "waterfall": _waterfall,
     "interactions": _interactions,
     "pairs": _pairs,
+    "drive": _drive,
 }
 
 

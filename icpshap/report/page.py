@@ -20,6 +20,7 @@ from icpshap.report import (
     effects,
     fit,
     here,
+    in_doubt,
     pose_error,
     tables,
     what_if,
@@ -36,7 +37,8 @@ OF_FIT = ("truth", "counting")  # doubts of a pair that the fit table has
 class Section:
     """What the page says of one experiment, or of one sequence of it.
 
-    figures: paths of SVG files, each beside a .txt with its caption and, for a scene, an .html;
+    figures: paths of SVG files, each beside a .txt with its caption and, for a scene, an .html, for
+    a drive, a .csv;
     links: paths of files; ranking, what_if, diagnosis: table, or None. Paths are relative to the
     working directory.
     """
@@ -84,12 +86,13 @@ def warnings(sections):
     return doubts.grouped(found)
 
 
-def page(sections, run, folder, comparison=None, joined=()):
+def page(sections, run, folder, comparison=None, joined=(), partial=()):
     """The page as HTML, with every picture inside it.
 
     run: what `jobs.provenance.provenance` returned; folder: where the page will lie, which links
     start from; comparison: (SVG path, caption, HTML table) of ours against the paper; joined: list
-    of `Estimators`, whose parts are among the sections.
+    of `Estimators`, whose parts are among the sections; partial: how much of each sequence this is
+    of, in words, if the workflow is not done.
     """
     environment = Environment(
         loader=FileSystemLoader(TEMPLATE.parent), autoescape=True, trim_blocks=False
@@ -108,6 +111,7 @@ def page(sections, run, folder, comparison=None, joined=()):
         parts=[section.scope for section in sections if section.study.name in parts],
         sections=[_described(section, folder) for section in sections],
         comparison=comparison and _comparison(*comparison),
+        partial=partial,
         run=run,
         configuration=configuration,
     )
@@ -221,7 +225,7 @@ def _described_estimators(part, folder):
     return {
         "title": part.scope,
         "anchor": anchor,
-        "figure": _figure(part.figure, anchor, folder, []),
+        "figure": _figure(part.figure, anchor, folder, [], part.study),
         "table": Markup(by_estimator.html(part.table, part.study)),
         "note": by_estimator.note(part.table, part.study),
         "links": [_relative(link, folder) for link in part.links],
@@ -257,7 +261,7 @@ def _described(section, folder):
         "errors_note": directions.note(section.directions, study),
         "table": Markup(tables.html(section.ranking, study)) if ranked else "",
         "table_note": tables.note(section.ranking, study) if ranked else "",
-        "figures": [_figure(path, anchor, folder, said) for path in section.figures],
+        "figures": [_figure(path, anchor, folder, said, study) for path in section.figures],
         "links": [_relative(link, folder) for link in section.links],
     }
 
@@ -273,13 +277,13 @@ def _said(section):
     return sorted(said, key=len, reverse=True)
 
 
-def _figure(path, anchor, folder, said):
+def _figure(path, anchor, folder, said, study):
     """A picture with its caption, but for the sentences that the page has said already."""
     path = Path(path)
     caption = path.with_suffix(".txt").read_text(encoding="utf-8").strip()
     for text in said:
         caption = caption.replace(text, "").strip()
-    turning = path.with_suffix(".html")
+    turning, listed = path.with_suffix(".html"), path.with_suffix(".csv")
     return {
         "name": path.stem,
         "anchor": f"{anchor}-{path.stem}",
@@ -287,6 +291,7 @@ def _figure(path, anchor, folder, said):
         "width": _width(path),
         "caption": " ".join(caption.split()),
         "page": _relative(turning, folder) if turning.exists() else "",
+        "table": Markup(in_doubt.html(in_doubt.read(listed), study)) if listed.exists() else "",
     }
 
 

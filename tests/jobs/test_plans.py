@@ -196,6 +196,44 @@ class TestBatches:
         assert planner.scans("own", 7) == planner.scan("own", 7)
 
 
+class TestSelection:
+    """Of a long drive only scans of a pair are read, and more pairs are added at the end."""
+
+    def planner(self, pairs):
+        def change(config):
+            street = {"scans": 1000, "simulated": {"scene": "street", "beams": 3000}}
+            config["data"]["street"] = street
+            config["experiments"]["tiny_fixed"] |= {"sequences": ["street"], "pairs": pairs}
+
+        return plans_of(change)
+
+    def test_only_scans_of_a_pair_are_read(self):
+        planner = self.planner({"every": 50, "count": 6})
+        found = planner.scan_batches("street")
+        assert planner.scans_per_file("street") == 100
+        assert found[:3] == [[k, k + 1, k + 50, k + 51] for k in (0, 100, 200)]
+        assert planner.scans("street", 1)["scans"] == [100, 101, 150, 151]
+
+    def test_of_all_pairs_every_scan_is(self):
+        found = self.planner("consecutive").scan_batches("street")
+        assert [index for batch in found for index in batch] == list(range(1000))
+
+    def test_where_poses_are_registered_every_scan_is(self, tmp_path):
+        def change(config):
+            folder = {"path": str(tmp_path), "poses": "register"}
+            config["data"]["own"] = {"scans": 300, "folder": folder}
+            config["experiments"]["tiny_fixed"] |= {"sequences": ["own"], "pairs": {"every": 50}}
+
+        assert [len(batch) for batch in plans_of(change).scan_batches("own")] == [100, 100, 100]
+
+    def test_more_pairs_change_the_last_job_and_no_file_of_scans_before_it(self):
+        few, more = (self.planner({"every": 50, "count": count}) for count in (5, 8))
+        were, are = (planner.job_digests("tiny_fixed", "street") for planner in (few, more))
+        assert len(are) > len(were) > 1 and are[: len(were) - 1] == were[:-1]
+        assert few.scans("street", 0) == more.scans("street", 0)
+        assert few.scans("street", 2) != more.scans("street", 2)
+
+
 class TestHere:
     """What is diagnosed decides what is run, where it is explained, and nothing elsewhere."""
 

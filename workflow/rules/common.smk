@@ -5,6 +5,7 @@ import re
 import sys
 import time
 from dataclasses import asdict
+from functools import cache
 
 import yaml
 from snakemake.sourcecache import LocalSourceFile
@@ -29,7 +30,7 @@ if IS_MODULE and os.path.isdir(f"{ROOT}/icpshap"):
     known = os.environ.get("PYTHONPATH")
     os.environ.update(PYTHONPATH=os.pathsep.join(filter(None, [ROOT, known])))
 
-from icpshap import config as configuration, options, storage
+from icpshap import config as configuration, options, selection, storage
 from icpshap.data import citation
 from icpshap.data.folder import find_files
 from icpshap.diagnosis.table import NEIGHBOURS
@@ -58,6 +59,7 @@ STARTED = time.time()
 
 # Before the workflow is set up, only the command line tells what this is going to be.
 IS_RUN = start.is_run(sys.argv[1:])
+IS_SO_FAR = "so_far" in sys.argv[1:]  # a report on the run of another Snakemake
 
 if IS_RUN:
     try:
@@ -242,8 +244,7 @@ def scans_for(pairs_of):
 
     def files(wildcards):
         indices = {index for pair in pairs_of(wildcards) for index in pair}
-        batches = PLANS.scan_batches(wildcards.sequence)
-        size = len(batches[0])
+        size = PLANS.scans_per_file(wildcards.sequence)
         found = sorted({index // size for index in indices})
         return [at(paths.SCANS, sequence=wildcards.sequence, batch=batch) for batch in found]
 
@@ -420,7 +421,7 @@ def selected_sequences(experiment):
 def scopes(experiment):
     """The whole experiment when all of its sequences are selected, else each selected sequence."""
     selected = selected_sequences(experiment)
-    if len(selected) == len(experiment.pairs):
+    if selected and len(selected) == len(experiment.pairs):
         return [experiment.name]
     return [f"{experiment.name}/{key}" for key in selected]
 
@@ -431,7 +432,7 @@ def figure_names(experiment):
     for figure in experiment.figures:
         if figure == "dependence":
             names += [f"dependence_{a}_by_{b}" for a, b in experiment.dependence]
-        else:
+        elif figure != "drive":  # which is of one sequence
             names.append(figure)
     return names
 
@@ -464,7 +465,7 @@ def figures_of(experiment, scope, kind):
     figures = [
         at(paths.FIGURE, scope=scope, figure=name, kind=kind) for name in figure_names(experiment)
     ]
-    first = diagnosis_figures(experiment, scope, kind)
+    first = diagnosis_figures(experiment, scope, kind) + drives_of(experiment, scope, kind)
     return first + figures + scenes_of(experiment, scope, kind)
 
 
@@ -489,6 +490,16 @@ def diagnosis_figures(experiment, scope, kind):
         at(paths.DIAGNOSIS_FIGURE, experiment=experiment.name, sequence=sequence, kind=kind)
         for sequence in sequences_of(experiment, scope)
         if len(experiment.pairs[sequence]) > 1
+    ]
+
+
+def drives_of(experiment, scope, kind):
+    """What is drawn, or listed, along each sequence of a scope, of enough pairs."""
+    return [
+        at(paths.DRIVE, experiment=experiment.name, sequence=sequence, kind=kind)
+        for sequence in sequences_of(experiment, scope)
+        if "drive" in experiment.figures
+        and len(experiment.pairs[sequence]) >= selection.FEWEST_OF_A_DRIVE
     ]
 
 
@@ -664,22 +675,28 @@ def titles():
 
 
 def look_at_what_is_there():
-    """Put aside what another plan made, and say it."""
+    """Put aside what another plan made, and say it; not while another Snakemake is at work."""
+    if IS_SO_FAR:
+        return
     for line in start.look(PLANS, CONFIG.planned, CONFIG.sequences, IS_RUN):
         logger.info(line)
 
 
+@cache  # so that its lines are said once
 def targets():
     """The files of every selected experiment that has a selected sequence."""
+    for line in CONFIG.remarks:
+        logger.info(line)
     for name in CONFIG.run:
         if not selected_sequences(CONFIG.experiments[name]):
             known = ", ".join(CONFIG.experiments[name].pairs)
-            logger.info(f"Skipping {name}: none of its sequences ({known}) is selected.")
+            why = f"none of its sequences ({known}) is selected" if known else "it has no pair"
+            logger.info(f"Skipping {name}: {why}.")
     found = files_of(sections(), "uncertainty", "shap", "directions", "pairs", "fit")
     for experiment, scope in selected_scopes():
         found.append(at(paths.TABLE, scope=scope, table="covariances"))
         found += figures_of(experiment, scope, "png") + figures_of(experiment, scope, "txt")
-        found += scenes_of(experiment, scope, "html")
+        found += scenes_of(experiment, scope, "html") + drives_of(experiment, scope, "csv")
         if experiment.what_if:
             found += [at(paths.WHAT_IF, scope=scope, kind=kind) for kind in ("csv", "md")]
         if rankings_of(experiment, scope):

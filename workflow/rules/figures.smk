@@ -2,6 +2,7 @@
 
 Outputs: results/{scope}/figures/{figure}.{png,svg,txt}, where {scope} is an experiment or one
 sequence of it, and
+results/{experiment}/{sequence}/figures/drive.{png,svg,txt,csv},
 results/{experiment}/{sequence}/figures/scene_{reference}-{source}.{png,svg,txt,html}
 """
 
@@ -39,6 +40,36 @@ rule draw_figure:
         study=study_of,
     script:
         "../scripts/draw_figure.py"
+
+
+rule draw_drive:
+    """Draw the numbers of a sequence along it, and list the pairs that are most in doubt."""
+    input:
+        shap=at(paths.OF_SEQUENCE, table="shap"),
+    output:
+        png=report(
+            at(paths.DRIVE, kind="png"),
+            caption="../report/figure.rst",
+            category="{experiment}",
+            subcategory="Figures",
+            labels={"sequence": "{sequence}", "figure": "drive"},
+        ),
+        svg=at(paths.DRIVE, kind="svg"),
+        caption=at(paths.DRIVE, kind="txt"),
+        csv=at(paths.DRIVE, kind="csv"),
+    log:
+        "logs/draw_drive/{experiment}/{sequence}.log",
+    benchmark:
+        "logs/draw_drive/{experiment}/{sequence}.tsv"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        code=code_of_experiment("draw_drive"),
+        plugins=plugins_of,
+        study=study_of,
+    script:
+        "../scripts/draw_drive.py"
 
 
 rule draw_scene:

@@ -1,14 +1,17 @@
 """Figures: tables in, matplotlib figures out."""
 
 from icpshap.report import captions
-from icpshap.report.figures import couples, directions, pairs, shapley, style
+from icpshap.report.figures import couples, directions, drive, pairs, shapley, style
 
 DRAWERS = {
     "summary": shapley.summary,
     "waterfall": shapley.waterfall,
     "interactions": couples.interactions,
     "pairs": pairs.pairs,
+    "drive": drive.drive,
 }
+# Those of the study's instance alone, of each pair that there is.
+ONE_INSTANCE = ("waterfall", "drive")
 
 
 def draw(name, table, directions_table, study):
@@ -20,7 +23,7 @@ def draw(name, table, directions_table, study):
         with style.styled():
             figure = directions.picture(directions_table, study)
         return figure, captions.of_directions(directions_table, table, study)
-    if name == "waterfall":
+    if name in ONE_INSTANCE:
         table = study.instance(table, study.waterfall)
     with style.styled():
         if name in study.dependence_figures:

@@ -61,6 +61,19 @@ def save(figure, *paths):
             figure.savefig(path, metadata=unset or {"Software": None})
 
 
+def settle(figure):
+    """Lay out a figure for good, at rounded places.
+
+    The solver behind a layout with panels of different heights goes by addresses in memory, so that
+    last digits of places, and with them the bytes of an SVG, differ from one time to the next.
+    """
+    figure.draw_without_rendering()
+    places = [np.round(axes.get_position().bounds, 6) for axes in figure.axes]
+    figure.set_layout_engine("none")
+    for axes, place in zip(figure.axes, places, strict=True):
+        axes.set_position(place)
+
+
 def value_label(cause, unit):
     """Axis label of a cause's Shapley value."""
     return f"φ {cause.title} [{unit}]"
