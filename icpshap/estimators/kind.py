@@ -118,8 +118,7 @@ class Kind:
     `one_subsample`: whether all runs of a noise draw use one subsample of the source, that of the
     first of them; `defaults`: of the options of perturb.Perturbing that have another default for
     the kind; `foreign`: whether it registers with what is not ours, of which success is told first;
-    `training`: name of the experiment that it learns from, or None if it does not; `fewest_pairs`:
-    how many pairs of other sequences that must have.
+    `fewest_pairs`: how many pairs of other sequences the experiment that it learns from must have.
     """
 
     name: ClassVar[str]
@@ -128,8 +127,12 @@ class Kind:
     one_subsample: ClassVar[bool] = False
     defaults: ClassVar[dict] = {}
     foreign: ClassVar[bool] = False
-    training: ClassVar[str | None] = None
     fewest_pairs: ClassVar[int] = 0
+
+    @property
+    def training(self) -> str | None:
+        """Name of the experiment that it learns from; None if it does not."""
+        return None
 
     @property
     def modules(self):

@@ -47,7 +47,7 @@ class Band(NamedTuple):
     lower: np.ndarray  # (R,) [m^2] links shorter than this are summed at once
     upper: np.ndarray  # (R,) [m^2] links at least this long are dropped
     start: np.ndarray  # (R + 1,) int64 each run's room in `links`
-    count: np.ndarray  # (R,) int64 links in the band; more than its room: some were not stored
+    number: np.ndarray  # (R,) int64 links in the band; more than its room: some were not stored
     # distance [m^2], found: reference point, tree order, position: source point, spatial order
     links: np.ndarray
 
@@ -129,12 +129,12 @@ def _decide(points, batch, work, run, queries, first, matches, limit, bounds, ba
                 kept += key >= kept_key
                 rows[link] = found
             elif d2 < upper:
-                entry = band.start[run] + band.count[run]
+                entry = band.start[run] + band.number[run]
                 if entry < band.start[run + 1]:
                     band.links[entry].distance = d2
                     band.links[entry].found = found
                     band.links[entry].position = batch.positions[first + query - queries[0]]
-                band.count[run] += 1
+                band.number[run] += 1
     sums.kept[run] += kept
     sums.links[run] += made
 
@@ -182,7 +182,7 @@ def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, w
         sums.products[run] = 0.0
         sums.kept[run] = 0
         sums.links[run] = 0
-        band.count[run] = 0
+        band.number[run] = 0
     blocks = block_start.shape[1] - 1
     first = last = 0
     while last < blocks:
@@ -236,7 +236,7 @@ def _find_thresholds(active, rank, band, sums, threshold):
         room = max(room, band.start[run + 1] - band.start[run])
     values = np.empty(room)
     for run in active:
-        first, count = band.start[run], band.count[run]
+        first, count = band.start[run], band.number[run]
         wanted = rank[run] - sums.kept[run]
         threshold[run] = np.nan
         if count > band.start[run + 1] - first:
@@ -269,7 +269,7 @@ def settle(surface, batch, T, active, metric, rank, band, sums, threshold):
             lane_run[lane], entry[lane], end[lane] = run, 0, 0
             if run < runs and not np.isnan(threshold[run]):
                 entry[lane] = band.start[run]
-                end[lane] = band.start[run] + band.count[run]
+                end[lane] = band.start[run] + band.number[run]
         while (entry < end).any():
             for lane in range(LANES):
                 run, filled = lane_run[lane], lane_begin[lane]
@@ -359,7 +359,7 @@ class KeptLinks:
         sample = make_band(room)
         self._sum(unknown, T, self.sample, sample)
         distance = sample.links["distance"].copy()
-        sampled_bands(distance, sample.start, sample.count, unknown, ratio, band.lower, band.upper)
+        sampled_bands(distance, sample.start, sample.number, unknown, ratio, band.lower, band.upper)
 
     def _sum(self, active, T, batch, band):
         limit = self.chain.maximum_distance

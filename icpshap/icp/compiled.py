@@ -36,7 +36,7 @@ def _cache_directory():
     return str(Path(base) / f"icp-{digest.hexdigest()[:16]}")
 
 
-numba.config.CACHE_DIR = _cache_directory()
+numba.config.CACHE_DIR = _cache_directory()  # type: ignore[attr-defined]  # numba makes it
 
 
 @intrinsic

@@ -39,10 +39,10 @@ class Tree(NamedTuple):
     points: (
         np.ndarray
     )  # (n, 4) x, y, z [m] in tree order; the fourth column aligns rows to 32 bytes
-    index: np.ndarray  # (n,) int32 row of each point in the original cloud
+    rows: np.ndarray  # (n,) int32 row of each point in the original cloud
     leaf_start: np.ndarray  # (L + 1,) int32 first point of each leaf
     box: np.ndarray  # (2 L, 6) lower and upper corner of every node's points; node 1 is the root
-    lowest: np.ndarray  # (2 L,) int32 lowest of every node's `index`
+    lowest: np.ndarray  # (2 L,) int32 lowest of every node's `rows`
 
 
 @jit
@@ -179,7 +179,7 @@ def nearest(tree, x, y, z, count, bound, found, distance, first, stack):
     (np.inf if unknown). If fewer points lie within it, the remaining entries are -1 and `bound`.
     `stack` is an int32 work array.
     """
-    points, index, box, leaf_start = tree.points, tree.index, tree.box, tree.leaf_start
+    points, index, box, leaf_start = tree.points, tree.rows, tree.box, tree.leaf_start
     lowest = tree.lowest
     leaves = leaf_start.shape[0] - 1
     last = first + count - 1

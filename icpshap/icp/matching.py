@@ -143,7 +143,7 @@ def match(tree, lists, matches, limit, count, work):
     """
     # Named once: taking an array out of a tuple, or a slice of one, costs more than a distance.
     largest = lists.largest
-    points, index, records, coarse = tree.points, tree.index, lists.records, lists.coarse
+    points, index, records, coarse = tree.points, tree.rows, lists.records, lists.coarse
     qx, qy, qz, where, ordered = work.x, work.y, work.z, work.where, work.ordered
     group_list, group_end, links = work.group_list, work.group_end, work.links
     nearest = work.nearest

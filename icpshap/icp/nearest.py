@@ -37,7 +37,7 @@ class Matcher:
         for first in range(0, len(points), QUERIES):
             part = slice(first, first + QUERIES)
             self._match(points[part], limit, found[part].reshape(-1), distance[part].reshape(-1))
-        rows = np.where(found >= 0, self.reference.tree.index[found], -1)
+        rows = np.where(found >= 0, self.reference.tree.rows[found], -1)
         return distance, rows
 
     def _match(self, points, limit, found, distance):

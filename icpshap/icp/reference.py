@@ -97,7 +97,7 @@ class Reference:
     def in_rows(self, values):
         """Values (n, ...) in the tree's order, in the order of the points that were given."""
         result = np.empty_like(values)
-        result[self.tree.index] = values
+        result[self.tree.rows] = values
         return result
 
     def surface(self, with_normals):

@@ -25,9 +25,9 @@ def code_digest(script, plugins=()):
 
     plugins: the causes, estimators and readers of scan formats that it meets, found without being
     imported by name, and modules of the user's own. Of these their file counts, and the version of
-    each package that it imports or belongs to, but no other file. Docstrings, comments and layout
-    do not count, nor do the modules that only read and write, so that only a change of what is
-    computed does. (`tables` refuses a file with other columns.)
+    each package that it imports or belongs to, but no other file. Docstrings, comments, types of
+    functions and layout do not count, nor do the modules that only read and write, so that only a
+    change of what is computed does. (`tables` refuses a file with other columns.)
     """
     own = [plugin for plugin in plugins if isinstance(plugin, ModuleType)]
     modules = {sys.modules[plugin.__module__] for plugin in plugins if plugin not in own}
@@ -126,12 +126,31 @@ def _text(path):
 
 @cache  # most modules are part of many digests, and parsing them is what a digest costs
 def _code(text):
-    """A module's code without docstrings, comments and layout."""
-    tree = ast.parse(text)
+    """A module's code without docstrings, comments, types of functions and layout."""
+    tree = _Computing().visit(ast.parse(text))
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and _has_docstring(node):
             node.body[0].value.value = ""
     return ast.unparse(tree)
+
+
+class _Computing(ast.NodeTransformer):
+    """A module without what is there for types alone. (Those of fields decide what options are.)"""
+
+    def visit_If(self, node):
+        named = isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+        return None if named else self.generic_visit(node)
+
+    def visit_ImportFrom(self, node):
+        return None if node.module in ("__future__", "typing", "collections.abc") else node
+
+    def visit_FunctionDef(self, node):
+        node.returns = None
+        return self.generic_visit(node)
+
+    def visit_arg(self, node):
+        node.annotation = None
+        return node
 
 
 def _imported(path, seen):
@@ -156,7 +175,7 @@ def _modules_of(path):
 def _imported_names(text):
     """Dotted names of what a module's text imports of the library."""
     names = []
-    for node in ast.walk(ast.parse(text)):
+    for node in ast.walk(_Computing().visit(ast.parse(text))):
         if isinstance(node, ast.ImportFrom):
             names += [f"{node.module or ''}.{alias.name}" for alias in node.names]
         elif isinstance(node, ast.Import):
