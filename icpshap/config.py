@@ -7,9 +7,11 @@ causes and options that must go together.
 
 import difflib
 from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import isfinite, prod
 from pathlib import Path
+from typing import Any
 
 import yaml
 from jsonschema import Draft202012Validator
@@ -28,7 +30,7 @@ from icpshap.schema import EXPERIMENT_KEYS
 class ConfigError(UserError):
     """The configuration is wrong; `errors` and the message list everything that is."""
 
-    def __init__(self, message, errors=()):
+    def __init__(self, message: str, errors: Iterable[str] = ()) -> None:
         super().__init__(message)
         self.errors = errors
 
@@ -47,11 +49,11 @@ class Sequence:
     simulated: dict | None
 
     @property
-    def kind(self):
+    def kind(self) -> str:
         return next(kind for kind in DATA_KINDS if getattr(self, kind) is not None)
 
     @property
-    def registers(self):
+    def registers(self) -> bool:
         """Whether ICP makes the poses."""
         return self.folder is not None and self.folder.get("poses") == REGISTER
 
@@ -90,7 +92,7 @@ class Experiment:
     measured: tuple[str, ...] = ()
 
     @property
-    def causes(self):
+    def causes(self) -> tuple[str, ...]:
         """Names of the players, in the order of the registry."""
         return tuple(cause.name for cause in named([*self.levels, *self.measured]))
 
@@ -118,20 +120,20 @@ class Config:
     by_estimator: dict[str, dict[str, str]]
     what_if: dict[str, dict[str, str]]
 
-    def preset(self, experiment):
+    def preset(self, experiment: str) -> Preset:
         """The `Preset` of an experiment's name; its causes act as they were diagnosed, if so."""
         found = self.experiments[experiment]
         preset = self.estimators[found.estimator]
         return preset.with_options(**AS_DIAGNOSED) if found.measured else preset
 
     @property
-    def planned(self):
+    def planned(self) -> tuple[str, ...]:
         """Names of all experiments that are run: those selected, and what their what_if makes."""
         changed = [part for name in self.run for part in self.what_if.get(name, {}).values()]
         return (*self.run, *changed)
 
 
-def load(config):
+def load(config: Mapping[str, Any]) -> Config:
     """The typed `Config` of a configuration mapping.
 
     Strings in the place of numbers are accepted: that is how ``--config 'a={b: 1}'`` and YAML's
@@ -198,9 +200,9 @@ def load(config):
     )
 
 
-def check_file(path):
+def check_file(path: str | Path) -> None:
     """Raise ConfigError if a mapping of a YAML file names a key twice, which YAML would not say."""
-    twice = []
+    twice: list[tuple[int, tuple]] = []
     _find_twice(yaml.compose(Path(path).read_text(encoding="utf-8")), (), twice)
     if twice:
         lines = "\n".join(
@@ -226,7 +228,7 @@ def _find_twice(node, path, found):
             _find_twice(item, (*path, number), found)
 
 
-def expand_levels(levels):
+def expand_levels(levels: list | Mapping[str, Any]) -> tuple[float, ...]:
     """Levels of one cause: a list as it is, else round(start + k step, 12)."""
     if isinstance(levels, list):
         return tuple(float(level) for level in levels)
@@ -1016,7 +1018,7 @@ def _waterfall_inconsistencies(where, waterfall, form, causes):
         yield f"{where}.waterfall: is not the fixed instance"
 
 
-def unknown(name, names, what="name"):
+def unknown(name: object, names: Iterable[str], what: str = "name") -> str:
     """A sentence, with its end."""
     close = difflib.get_close_matches(str(name), [str(known) for known in names], n=1)
     if close:

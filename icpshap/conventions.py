@@ -9,7 +9,7 @@ import numpy as np
 SWAP = np.roll(np.eye(6), 3, axis=0)  # from rotation first to translation first, and back
 
 
-def ros(covariance, T_reference_source):
+def ros(covariance: np.ndarray, T_reference_source: np.ndarray) -> np.ndarray:
     """That of geometry_msgs/PoseWithCovariance, of the source's pose in the reference [m, rad].
 
     Translation first, along the reference's axes, then the turn about these fixed axes.
@@ -18,7 +18,7 @@ def ros(covariance, T_reference_source):
     return _of_product(SWAP @ turn, covariance)
 
 
-def g2o(covariance):
+def g2o(covariance: np.ndarray) -> np.ndarray:
     """That of the error of g2o's EDGE_SE3:QUAT: translation [m], vector part of a quaternion [-].
 
     Such a part is half of a small turn. The edge's error is that of the true motion against the
@@ -28,7 +28,7 @@ def g2o(covariance):
     return _of_product(halved @ SWAP, covariance)
 
 
-def translation_first(covariance):
+def translation_first(covariance: np.ndarray) -> np.ndarray:
     """The same with the translation first [m, rad]."""
     return _of_product(SWAP, covariance)
 

@@ -14,7 +14,7 @@ class Fault(NamedTuple):
     hint: str
 
 
-def fault(T):
+def fault(T: np.ndarray) -> Fault | None:
     """The `Fault` of a matrix (4, 4) of finite numbers; None if it is rigid."""
     rotation, last = T[:3, :3], T[3]
     if np.abs(last - [0, 0, 0, 1]).max() > TOLERANCE:

@@ -8,14 +8,14 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 
-def exp(xi):
+def exp(xi: np.ndarray) -> np.ndarray:
     """Exact exponential map, se(3) to SE(3): (..., 6) to (..., 4, 4)."""
     xi = np.asarray(xi, dtype=float)
     matrices = RigidTransform.from_exp_coords(xi.reshape(-1, 6)).as_matrix()
     return matrices.reshape(*xi.shape[:-1], 4, 4)
 
 
-def log(T):
+def log(T: np.ndarray) -> np.ndarray:
     """Inverse of `exp` for rotation angles up to pi: (..., 4, 4) to (..., 6).
 
     Raises ValueError if a matrix is not a rigid transformation (determinant not positive, or last
@@ -26,7 +26,7 @@ def log(T):
     return coordinates.reshape(*T.shape[:-2], 6)
 
 
-def inverse(T):
+def inverse(T: np.ndarray) -> np.ndarray:
     """Inverse of a rigid transformation, (..., 4, 4), by transposing its rotation."""
     T = np.asarray(T, dtype=float)
     result = np.zeros_like(T)
@@ -37,12 +37,12 @@ def inverse(T):
     return result
 
 
-def transform(T_target_source, points):
+def transform(T_target_source: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Apply one transformation (4, 4) to points (n, 3)."""
     return points @ T_target_source[:3, :3].T + T_target_source[:3, 3]
 
 
-def hat(vector):
+def hat(vector: np.ndarray) -> np.ndarray:
     """Cross-product matrix: hat(a) @ b = a x b; (..., 3) to (..., 3, 3)."""
     vector = np.asarray(vector, dtype=float)
     x, y, z = np.moveaxis(vector, -1, 0)
@@ -51,7 +51,7 @@ def hat(vector):
     return np.stack(rows, axis=-1).reshape(*vector.shape[:-1], 3, 3)
 
 
-def adjoint(T):
+def adjoint(T: np.ndarray) -> np.ndarray:
     """Adjoint (..., 6, 6): T exp(xi) inv(T) = exp(adjoint(T) xi), rotation first."""
     T = np.asarray(T, dtype=float)
     rotation = T[..., :3, :3]

@@ -4,6 +4,8 @@ Distances between runs count a rotation by what it moves at the pair's character
 what is far is measured by how the setting's own runs lie, so that a wide cloud is one basin.
 """
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +35,7 @@ class Basins(NamedTuple):
     lacking: np.ndarray
 
 
-def find_basins(xi, length, translation, rotation):
+def find_basins(xi: np.ndarray, length: float, translation: float, rotation: float) -> Basins:
     """`Basins` of settings with pose errors xi (..., n, 6) [rad, m]; a failed run is NaN.
 
     length [m]: the pair's characteristic length L; translation [m], rotation [rad]: the limits. The

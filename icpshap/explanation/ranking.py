@@ -6,6 +6,8 @@ That counts the runs' part of the spread twice, since the pairs' values differ b
 intervals err on the wide side.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 
@@ -20,7 +22,14 @@ ENDS = ("low", "high")
 OUTLIER_RULES = ("none", "iqr", "positive_then_iqr")
 
 
-def ranking_table(shap, resampled, causes, paper=None, order=(), seed=0):
+def ranking_table(
+    shap: pd.DataFrame,
+    resampled: pd.DataFrame,
+    causes: Sequence[str],
+    paper: pd.DataFrame = None,
+    order: Sequence[str] = (),
+    seed: int = 0,
+) -> pd.DataFrame:
     """A row per sequence and outlier rule: medians of phi, and whether they follow the order.
 
     shap, resampled: tables of `games` for the same pairs and instances; causes: names; paper: table
@@ -61,7 +70,7 @@ def ranking_table(shap, resampled, causes, paper=None, order=(), seed=0):
     return table
 
 
-def kept_rows(values, rule):
+def kept_rows(values: np.ndarray, rule: str) -> np.ndarray:
     """Rows of phi (..., n, M) that an outlier rule keeps, bool (..., n); NaN rows never.
 
     iqr: a row goes if any of its columns lies further than 1.5 interquartile ranges (linear
@@ -78,7 +87,7 @@ def kept_rows(values, rule):
     return kept & inside.all(axis=-1)
 
 
-def quantiles(values, kept, probabilities):
+def quantiles(values: np.ndarray, kept: np.ndarray, probabilities: Sequence[float]) -> np.ndarray:
     """Linear quantiles over the kept rows (..., n) of values (..., n, M): (p, ..., M)."""
     ordered = np.sort(np.where(kept[..., None], values, np.nan), axis=-2)
     count = kept.sum(axis=-1)[..., None, None]
@@ -95,7 +104,7 @@ def quantiles(values, kept, probabilities):
     return np.array(result)
 
 
-def bootstrap_medians(draws, rule, generator):
+def bootstrap_medians(draws: np.ndarray, rule: str, generator: np.random.Generator) -> np.ndarray:
     """Bootstrap medians (DRAWS, M) of a sequence, from resamples of its pairs (r, pairs, i, M)."""
     number, pairs, _, players = draws.shape
     blocks = -(-pairs // BLOCK)
@@ -109,7 +118,7 @@ def bootstrap_medians(draws, rule, generator):
     return np.concatenate(result)
 
 
-def holm(p):
+def holm(p: np.ndarray) -> np.ndarray:
     """Holm's step-down correction of p values (n,); NaN stays NaN and does not count."""
     p = np.asarray(p, dtype=float)
     ranked = np.argsort(p)[: np.count_nonzero(~np.isnan(p))]

@@ -4,18 +4,22 @@ A game of M players is an array (..., 2^M) of values, indexed by coalition as a 
 set if player a is on. The players are the causes of an experiment, in their order.
 """
 
+from collections.abc import Iterable
 from itertools import combinations
 from math import comb, factorial
+from typing import TypeVar
 
 import numpy as np
 
+Player = TypeVar("Player")
 
-def coalitions(players):
+
+def coalitions(players: int) -> np.ndarray:
     """Which players are on: bool (2^M, M), the row number is the coalition's bit mask."""
     return (np.arange(2**players)[:, None] >> np.arange(players) & 1).astype(bool)
 
 
-def coalition_values(instances, reference):
+def coalition_values(instances: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """The mapping h_x (paper, Algorithm 1): instances (i, M) to their settings (i, 2^M, M).
 
     A player that is on takes the instance's value, one that is off its reference value (M,).
@@ -24,7 +28,7 @@ def coalition_values(instances, reference):
     return np.where(coalitions(instances.shape[-1]), instances[..., None, :], reference)
 
 
-def shapley_values(game):
+def shapley_values(game: np.ndarray) -> np.ndarray:
     """Shapley values (..., M) of games (..., 2^M); they add up to f(all on) - f(none on).
 
     A player that changes nothing gets exactly 0, without round-off.
@@ -37,7 +41,7 @@ def shapley_values(game):
     return np.stack([_gain(game, a) @ weight for a in range(players)], axis=-1)
 
 
-def removal_effects(game):
+def removal_effects(game: np.ndarray) -> np.ndarray:
     """What the value of games (..., 2^M) falls by without each player: (..., M).
 
     f(all on) - f(all on but this one); one that changes nothing there gets exactly 0.
@@ -48,7 +52,7 @@ def removal_effects(game):
     return game[..., -1:] - game[..., without]
 
 
-def interaction_indices(game):
+def interaction_indices(game: np.ndarray) -> np.ndarray:
     """Shapley interaction indices (..., M(M-1)/2) of games (..., 2^M), in the order of `couples`.
 
     Grabisch and Roubens (1999), Int. J. Game Theory 28: f(S+ab) - f(S+b) - f(S+a) + f(S) over the
@@ -68,12 +72,12 @@ def interaction_indices(game):
     return result
 
 
-def couples(players):
+def couples(players: Iterable[Player]) -> list[tuple[Player, Player]]:
     """All couples (a, b) of players, a before b, in the order of `interaction_indices`."""
     return list(combinations(players, 2))
 
 
-def kernel_regression(game, full_weight=1e6):
+def kernel_regression(game: np.ndarray, full_weight: float = 1e6) -> np.ndarray:
     """The closed form of Algorithm 1 of the paper, (..., 2^M) to (..., M): a cross-check.
 
     Weighted least squares of f minus f(none on) with the weights of Equation (3b); the infinite
@@ -103,7 +107,7 @@ def _by_size(players, weight):
     return by_size[coalitions(players).sum(axis=1)]
 
 
-def players_of(game):
+def players_of(game: np.ndarray) -> int:
     """Number of players M of games (..., 2^M); raises ValueError for another length."""
     players = (game.shape[-1] - 1).bit_length()
     if game.shape[-1] != 2**players or players == 0:
