@@ -202,7 +202,9 @@ def diagnose(
         (one, truth), *others = known
         if others:
             found = diagnose_against(one, [other for other, _ in others])
-            of_row = row(found, streams[0], streams[1 + found.healthiest])
+            healthiest = found.healthiest
+            beside = None if healthiest is None else streams[1 + healthiest]
+            of_row = row(found, streams[0], beside)
         else:
             of_row = row(diagnose_alone(one, sensor), streams[0], None)
         ends = None

@@ -33,13 +33,13 @@ from icpshap.data.formats._lines import AXES
 COMPRESSED = ".gz"
 
 
-def suffix_of(path):
+def suffix_of(path: Path) -> str:
     """The ending by which a file's format is found, in lower case: ".ply" or ".ply.gz"."""
     last = path.suffix.lower()
     return Path(path.stem).suffix.lower() + last if last == COMPRESSED else last
 
 
-def stem_of(name):
+def stem_of(name: str) -> str:
     """The name of a file, as text, without the ending of its format."""
     return re.sub(r"\.[A-Za-z]+(\.gz)?$", "", name, flags=re.IGNORECASE)
 

@@ -2,6 +2,8 @@
 
 import csv
 import re
+from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +42,7 @@ class Layout(NamedTuple):
     has_header: bool
 
 
-def read_columns(path, columns, wanted):
+def read_columns(path: Path, columns: Sequence[str] | None, wanted: Sequence[str]) -> np.ndarray:
     """The `wanted` columns (n, k) of a file of these columns, whatever its first line says.
 
     Else this names the columns, of which others are ignored; without it, x, y and z are the first

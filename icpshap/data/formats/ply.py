@@ -4,6 +4,7 @@ import os
 import re
 import struct
 from itertools import islice
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -66,19 +67,19 @@ class Header(NamedTuple):
     elements: list
 
     @property
-    def rows(self):
+    def rows(self) -> Rows:
         """The vertices as `Rows`. Raises HeaderError where one has a list."""
         vertices = next(element for element in self.elements if element.name == "vertex")
         order = BYTE_ORDERS[self.encoding]
         return Rows(vertices.number, [Field(p.name, order + p.kind) for p in vertices.properties])
 
 
-def read(path):
+def read(path: Path) -> np.ndarray:
     """Points (n, 3) [m] of the vertices' properties x, y and z. Raises DataError."""
     return _read(path, AXES)
 
 
-def read_timed(path, time):
+def read_timed(path: Path, time: str) -> np.ndarray:
     """The same with the property of the name ``time`` after them, (n, 4)."""
     return _read(path, (*AXES, time))
 
