@@ -6,20 +6,29 @@ file of the function it is asked for, not in those it calls; so the cache has a 
 state of this package's files.
 """
 
+from __future__ import annotations
+
 import functools
 import hashlib
 import logging
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numba
 from llvmlite import ir
+from numba import extending
 from numba.core import cgutils, types
-from numba.extending import intrinsic
 
 from icpshap.icp.healing import heal
 
+if TYPE_CHECKING:
+    from numba.core.dispatcher import Dispatcher
+    from numba.core.typing.context import BaseContext
+    from numba.core.typing.templates import Signature
 
-def jit(function):
+
+def jit(function: Callable) -> Dispatcher:
     """The function, compiled when it is first called; threads run it side by side."""
     return heal(numba.njit(function, cache=True, nogil=True, error_model="numpy"))
 
@@ -39,8 +48,19 @@ def _cache_directory():
 numba.config.CACHE_DIR = _cache_directory()  # type: ignore[attr-defined]  # numba makes it
 
 
+def intrinsic(function: Callable) -> Callable[..., Any]:
+    """A function that writes the code of its calls itself.
+
+    It takes numba's context and the types of what a call is given, and returns their signature and
+    what writes the code; compiled functions call it with values, and without the context.
+    """
+    return extending.intrinsic(function)
+
+
 @intrinsic
-def prefetch(typing_context, array, position):
+def prefetch(
+    typing_context: BaseContext, array: types.Type, position: types.Type
+) -> tuple[Signature, Callable]:
     """Ask for the cache line of array[position]; changes nothing but the time to read it."""
 
     def generate(context, builder, signature, arguments):
@@ -58,10 +78,10 @@ def prefetch(typing_context, array, position):
 
 
 @functools.cache
-def announce_compilation(kernel):
+def announce_compilation(kernel: Dispatcher) -> None:
     """Log that the engine is compiled, once, if `kernel` is not in the cache already."""
     pattern = f"*.{kernel.py_func.__name__}-*.nbi"
-    if not any(Path(kernel.stats.cache_path).glob(pattern)):
+    if not any(Path(str(kernel.stats.cache_path)).glob(pattern)):
         _announce()
 
 

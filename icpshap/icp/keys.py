@@ -17,15 +17,23 @@ a link was found, what is decided here is what its full length decides.
 Measured: docs/engine.md.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from llvmlite import ir
 from numba.core import types
-from numba.extending import intrinsic
 
-from icpshap.icp.compiled import jit
+from icpshap.icp.compiled import intrinsic, jit
 from icpshap.icp.network import ABSOLUTE, PLACE, RELATIVE
+
+if TYPE_CHECKING:
+    from numba.core.typing.context import BaseContext
+    from numba.core.typing.templates import Signature
+
 
 TOGETHER = 16  # links
 NEVER = np.int32(0x7F800000)  # a key above all that are found
@@ -34,7 +42,7 @@ LARGEST_KEY = np.finfo(np.float32).max.view(np.int32)  # of all links that are a
 
 
 @jit
-def known(bound, largest, rounded):
+def known(bound: float, largest: float, rounded: np.ndarray) -> tuple[int, int]:
     """Keys (below, from): links with a smaller one are shorter, with that or a larger one are not.
 
     bound: squared length [m^2]; largest: `candidates.Lists.largest`; rounded: work array (1,)
@@ -52,7 +60,18 @@ def known(bound, largest, rounded):
 
 
 @intrinsic
-def decide(typing_context, links, first, last, kept, dropped, made, unmade, none, rows):
+def decide(
+    typing_context: BaseContext,
+    links: types.Type,
+    first: types.Type,
+    last: types.Type,
+    kept: types.Type,
+    dropped: types.Type,
+    made: types.Type,
+    unmade: types.Type,
+    none: types.Type,
+    rows: types.Type,
+) -> tuple[Signature, Callable]:
     """Rows of TOGETHER links from `first` on; what is known of those before `last`.
 
     links: int64, `matching.Work.links`. Keys (int32): below `kept` a link is kept, from `dropped`
@@ -110,7 +129,7 @@ def decide(typing_context, links, first, last, kept, dropped, made, unmade, none
 
 
 @intrinsic
-def lowest(typing_context, bits):
+def lowest(typing_context: BaseContext, bits: types.Type) -> tuple[Signature, Callable]:
     """Place of the lowest bit that is set."""
 
     def generate(context, builder, signature, arguments):

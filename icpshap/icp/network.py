@@ -26,7 +26,8 @@ import itertools
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
-from numba.extending import intrinsic
+
+from icpshap.icp.compiled import intrinsic
 
 LANES = 16
 PLACE = 255  # the bits of a key that hold a place

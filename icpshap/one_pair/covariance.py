@@ -35,7 +35,7 @@ class PoseCovariance:
     frame: str = SOURCE_FRAME
     scaled: bool = False
 
-    def __array__(self, dtype=None, copy=None) -> np.ndarray:
+    def __array__(self, dtype: np.dtype | None = None, copy: bool | None = None) -> np.ndarray:
         return np.array(self.matrix, dtype=dtype)
 
     @property

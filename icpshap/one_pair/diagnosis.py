@@ -46,7 +46,7 @@ class CleanRuns(NamedTuple):
     high: float
 
     @property
-    def sentence(self):
+    def sentence(self) -> str:
         if np.isnan(self.wrong_basin_share):
             return f"Fewer than half of {self.number} clean runs lie together."
         return (
@@ -170,11 +170,11 @@ def diagnose(
             f"clean_runs: the kind {asked.preset.estimator.kind.name} returns no pose samples, and "
             "so nothing that ends anywhere.\nHint: estimator: lidar, or no clean_runs."
         )
-    key, *scans = named_pair(name, indices)
+    key, own_reference, own_source = named_pair(name, indices)
     # Only the pair that is diagnosed may start elsewhere than the identity.
     named = [("", (reference, source, T), T_initial)]
     named += [(f"healthy {place}: ", _three(of, place), None) for place, of in enumerate(healthy)]
-    streams = [Streams(asked.seed, key, *scans)]
+    streams = [Streams(asked.seed, key, own_reference, own_source)]
     streams += [
         Streams(asked.seed, f"{key} healthy", place, place + 1) for place in range(len(healthy))
     ]

@@ -1,9 +1,11 @@
 """Explain one pair: measure, check, perturb, register, share out; the workflow's steps in a row."""
 
+from __future__ import annotations
+
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 import pandas as pd
@@ -26,6 +28,10 @@ from icpshap.one_pair.given import SEED, given, named_pair, scan, times, transfo
 from icpshap.one_pair.threads import cores, in_threads, one_by_one
 from icpshap.report import what_if as what_if_tables
 from icpshap.report.study import Study
+
+if TYPE_CHECKING:
+    from icpshap.one_pair.given import Given
+
 
 PROBES = 3  # calls of a function, all of which must fail before it is refused
 OWN_TRUTH = (
@@ -170,7 +176,14 @@ def fit_table(
         return checks.graver_first(checks.table(run.fit_numbers())).reset_index(drop=True)
 
 
-def pair_of(reference, source, T, T_initial, asked, source_times=None):
+def pair_of(
+    reference: np.ndarray,
+    source: np.ndarray,
+    T: np.ndarray | None,
+    T_initial: np.ndarray | None,
+    asked: Given,
+    source_times: np.ndarray | None = None,
+) -> tuple[Pair, str]:
     """The measured pair, and what is to be said of how its true pose was found."""
     minimum_range = asked.preset.estimator.perturbing.minimum_range
     for points, what in ((reference, "reference"), (source, "source")):

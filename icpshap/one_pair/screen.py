@@ -1,11 +1,18 @@
 """An explanation as a screen of text: what a person reads first, in at most 40 lines."""
 
+from __future__ import annotations
+
 import textwrap
 from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from icpshap.report import captions, directions, effects, words
+
+if TYPE_CHECKING:
+    from icpshap.one_pair.explanation import Explanation
+
 
 MOST_LINES = 40
 NARROWEST = 72  # characters, of the six columns of the covariance
@@ -15,7 +22,7 @@ BOLD, RESET = "\033[1m", "\033[0m"
 WARNING = "\033[33m"
 
 
-def text(explanation, width=100, colours=False):
+def text(explanation: Explanation, width: int = 100, colours: bool = False) -> str:
     """The screen; width: of a line, in characters; colours: whether a terminal shows them.
 
     A width below NARROWEST is taken as that: the covariance has no shorter lines.
@@ -38,7 +45,7 @@ def text(explanation, width=100, colours=False):
     return "\n".join(lines)
 
 
-def html(explanation):
+def html(explanation: Explanation) -> str:
     """A short form for notebooks."""
     tables, study = explanation.tables, explanation.study
     causes = effects.table_of_causes(tables["shap"], study)

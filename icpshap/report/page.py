@@ -1,8 +1,12 @@
 """One page that says what was found, how sure that is, and what was run; and its short form."""
 
+from __future__ import annotations
+
 from base64 import b64encode
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import yaml
@@ -70,7 +74,7 @@ class Estimators:
     links: list
 
 
-def warnings(sections):
+def warnings(sections: Sequence[Section]) -> list[doubts.Group]:
     """Everything that makes the sections' numbers doubtful: `doubts.Group`s, the gravest first."""
     found = []
     for section in sections:
@@ -84,7 +88,13 @@ def warnings(sections):
     return doubts.grouped(found)
 
 
-def page(sections, run, folder, comparison=None, joined=()):
+def page(
+    sections: Sequence[Section],
+    run: Mapping[str, Any],
+    folder: str | Path,
+    comparison: tuple[str, str, str] | None = None,
+    joined: Sequence[Estimators] = (),
+) -> str:
     """The page as HTML, with every picture inside it.
 
     run: what `jobs.provenance.provenance` returned; folder: where the page will lie, which links
@@ -113,7 +123,9 @@ def page(sections, run, folder, comparison=None, joined=()):
     )
 
 
-def summary(sections, page_path, joined=()):
+def summary(
+    sections: Sequence[Section], page_path: str | Path, joined: Sequence[Estimators] = ()
+) -> str:
     """The end of a run in a few lines: where the results are, and the main findings."""
     lines = ["", f"Report: {page_path}"]
     for part in joined:
@@ -126,7 +138,7 @@ def summary(sections, page_path, joined=()):
     for finding in _findings(sections, joined):
         lines += ["", finding]
     lines += ["", " ".join(_symbols(sections)), ""]
-    told = {}
+    told: dict[str, list[str]] = {}
     for section in _alone(sections, joined):
         told.setdefault(" ".join(_advice(section)), []).append(section.scope)
     lines += [f"{', '.join(scopes)}: {text}" for text, scopes in told.items() if text]

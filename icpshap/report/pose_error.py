@@ -4,13 +4,21 @@ Of estimators that return no samples no error is known: the standard deviation o
 is told in its place. Tables are directions tables, and studies `study.Study`.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from icpshap.explanation.directions import AXES
 from icpshap.report import directions, words
 from icpshap.report.study import PAIR, pairs_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from icpshap.report.study import Study
+
 
 MOST = 0.5  # of a cause's part along three axes, from which one is named; of instances, for a sign
 HARDLY = 0.1  # of the clean error: shares of a smaller change would make much of next to nothing
@@ -35,7 +43,7 @@ class Change(NamedTuple):
     hardly: bool
 
 
-def sentence(table, study):
+def sentence(table: pd.DataFrame, study: Study) -> str:
     """The error clean and with all causes on, and what it grows by; "" where nothing is known."""
     table, names = _told(table, study)
     if not names:
@@ -51,7 +59,7 @@ def sentence(table, study):
     return "; ".join([*parts, *_causes(changes, rows, shown)])
 
 
-def before_and_after(table, study):
+def before_and_after(table: pd.DataFrame, study: Study) -> tuple[str, bool]:
     """The error clean and with all causes on, in short, and whether it is one; ("", False) if not
     known."""
     table, names = _told(table, study)

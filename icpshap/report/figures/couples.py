@@ -1,7 +1,9 @@
 """How the causes act together: their Shapley interaction indices, couple by couple."""
 
+from __future__ import annotations
+
 from textwrap import fill
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -24,11 +26,23 @@ from icpshap.report.figures.style import (
 )
 from icpshap.report.study import contains_zero, judged
 
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from icpshap.report.study import Study
+
+
 MANY = 6  # causes, from which there is less room for each
 LETTERS_OF_ALL = 66  # below the columns, if these leave room for the causes' names and the scale
 COLOURS = matplotlib.colormaps["RdBu_r"]
 PLAIN = "#F2F2F2"
-RING = {"marker": "o", "markersize": 5, "markerfacecolor": "none", "markeredgewidth": 1}
+RING: dict[str, Any] = {
+    "marker": "o",
+    "markersize": 5,
+    "markerfacecolor": "none",
+    "markeredgewidth": 1,
+}
 
 
 class Cell(NamedTuple):
@@ -40,7 +54,7 @@ class Cell(NamedTuple):
     unsure: bool
 
 
-def interactions(table, study):
+def interactions(table: pd.DataFrame, study: Study) -> Figure:
     """A triangle of causes by causes: medians over the instances in which both are on.
 
     The diagonal holds the Shapley values of the causes themselves, which are no interactions and
@@ -66,7 +80,7 @@ def interactions(table, study):
     return figure
 
 
-def cells(table, study):
+def cells(table: pd.DataFrame, study: Study) -> list[Cell]:
     """The `Cell`s of the lower triangle with its diagonal, of the causes that are ever on."""
     shown = study.shown(table)
     found = []
@@ -107,7 +121,7 @@ def _draw(axes, cell, norm, shown):
         axes.plot(cell.column + 0.91, cell.row + 0.22, color=ink, **RING)
 
 
-def readable(colour):
+def readable(colour: Any) -> str:
     """Black or white, whichever stands out more from a colour (relative luminance of WCAG 2)."""
     white, ink, behind = (_luminance(c) + 0.05 for c in ("white", INK, colour))
     return "white" if white / behind > behind / ink else INK
