@@ -399,7 +399,7 @@ def _compiling():
     logging.getLogger("icpshap.icp.compiled").setLevel(logging.INFO)
 
 
-def _joined(arguments):
+def _joined(arguments: list[str]) -> list[str]:
     """Numbers of a transform as one word: argparse takes some that are negative for options."""
     result: list[str] = []
     place = 0

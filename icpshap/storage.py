@@ -136,7 +136,7 @@ def largest_part(path: str | Path) -> int:
         return 0
 
 
-def digest_of(mapping: Mapping[str, Any]) -> str:
+def digest_of(mapping: object) -> str:
     """Short digest of a mapping that JSON can hold; lists and tuples are alike."""
     return hashlib.sha256(json.dumps(mapping, sort_keys=True).encode()).hexdigest()[:16]
 

@@ -1,18 +1,26 @@
 """What a result was made with: digests of code and data."""
 
+from __future__ import annotations
+
 import ast
 import hashlib
 import sys
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 from icpshap import registry
 from icpshap.causes import CAUSES
 from icpshap.data.formats import READERS
 from icpshap.estimators import KINDS
+
+if TYPE_CHECKING:
+    from icpshap.estimators import Estimator
+
 
 LIBRARY = Path(__file__).resolve().parent.parent
 READ_AND_WRITE = ("tables.py", "errors.py", "jobs/logs.py", "jobs/digests.py")
@@ -20,7 +28,7 @@ READ_AND_WRITE = ("tables.py", "errors.py", "jobs/logs.py", "jobs/digests.py")
 CHOSEN = ("causes", "estimators", "formats")
 
 
-def code_digest(script, plugins=()):
+def code_digest(script: str | Path, plugins: Iterable[type | ModuleType] = ()) -> str:
     """Digest of the library modules that a script imports, directly or through one another.
 
     plugins: the causes, estimators and readers of scan formats that it meets, found without being
@@ -61,23 +69,23 @@ def _digest(*files, own=()):
     return digest.hexdigest()[:16]
 
 
-def plugin_names(estimator):
+def plugin_names(estimator: Estimator) -> dict[str, Any]:
     """What `plugins` finds those of an estimators.Estimator by, as JSON can hold it."""
     names = {"kind": estimator.kind.name, "causes": list(estimator.causes)}
     own = [module.__name__ for module in estimator.kind.modules]
     return names | ({"modules": own} if own else {})
 
 
-def plugins(names):
+def plugins(names: Mapping[str, Any]) -> list[type | ModuleType]:
     """What has these names: `kind` or `kinds`, `modules`, `causes`; `formats` by their suffixes."""
-    found = [KINDS[names["kind"]]] if "kind" in names else []
+    found: list[type | ModuleType] = [KINDS[names["kind"]]] if "kind" in names else []
     found += [KINDS[name] for name in names.get("kinds", ())]
     found += [registry.imported(name) for name in names.get("modules", ())]
     found += [CAUSES[name] for name in names.get("causes", ())]
     return found + [READERS[suffix] for suffix in names.get("formats", ())]
 
 
-def sha256(path):
+def sha256(path: str | Path) -> str:
     """SHA256 of a file's bytes."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -39,7 +39,7 @@ CHECKSUMS = "results/checksums.sha256"
 LOGS = "logs"
 
 
-def at(template, **values):
+def at(template: str, **values: object) -> str:
     """A template with some of its wildcards filled in; the others stay."""
     for name, value in values.items():
         template = template.replace(f"{{{name}}}", str(value))
