@@ -11,7 +11,7 @@ PACKAGE = Path(icpshap.__file__).parent
 
 
 def is_public(path):
-    """Whether no name on the way to a module begins with an underscore, but of __init__ and such."""
+    """Whether no name on the way to a module begins with _, but those as `__init__`."""
     names = path.relative_to(PACKAGE).with_suffix("").parts
     return all(name.startswith("__") or not name.startswith("_") for name in names)
 

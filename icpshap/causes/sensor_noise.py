@@ -61,7 +61,7 @@ class SensorNoise(Cause):
     def adds_evenly(self) -> bool:
         return self.sensor == "none" and self.reference_noise_additions == 1
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.sensor != "none":  # the level is a factor
             object.__setattr__(self, "unit", "")
             object.__setattr__(self, "symbol", "σ/σ₀")
