@@ -7,7 +7,7 @@ causes and options that must go together.
 
 import difflib
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from math import isfinite, prod
 from pathlib import Path
@@ -30,7 +30,7 @@ from icpshap.schema import EXPERIMENT_KEYS
 class ConfigError(UserError):
     """The configuration is wrong; `errors` and the message list everything that is."""
 
-    def __init__(self, message: str, errors: Iterable[str] = ()) -> None:
+    def __init__(self, message: str, errors: Collection[str] = ()) -> None:
         super().__init__(message)
         self.errors = errors
 
@@ -216,7 +216,7 @@ def check_file(path: str | Path) -> None:
 
 def _find_twice(node, path, found):
     if isinstance(node, yaml.MappingNode):
-        counted = Counter()
+        counted: Counter[Any] = Counter()
         for key, value in node.value:
             where = (*path, key.value)
             counted[key.value] += 1
@@ -304,12 +304,14 @@ def _expanded(experiments):
     An experiment of several estimators is an experiment of each; their names, by estimator, are
     the second mapping's values; those of what an experiment's what_if makes the third's.
     """
-    blocks, by_estimator, changes = {}, {}, {}
+    blocks: dict[str, dict] = {}
+    by_estimator: dict[str, dict[str, str]] = {}
+    changes: dict[str, dict[str, str]] = {}
     for name in experiments:
         block = _inherited(experiments, name)
         if "estimators" in block:
             by_estimator[name] = _names_by_estimator(name, block)
-            parts = by_estimator[name].items()
+            parts = list(by_estimator[name].items())
         else:
             parts = [(block["estimator"], name)]
         blocks |= {part: {**block, "estimator": estimator} for estimator, part in parts}
@@ -371,7 +373,7 @@ def _pairs(block, data):
 
 
 def _by_sequence(pairs):
-    result = {}
+    result: dict[str, tuple] = {}
     for pair in pairs:
         indices = (pair["reference"], pair["source"])
         result[pair["sequence"]] = (*result.get(pair["sequence"], ()), indices)
@@ -594,8 +596,9 @@ def _estimator_inconsistencies(name, estimators):
                     f"{cause.name} replaces by others. Hint: overlap_removal: raw, or leave out "
                     "voxel_size"
                 )
-    owners = (preset.estimator.kind, *preset.estimator.causes.values())
-    for conflict in filter(None, (owner.conflict for owner in owners)):
+    conflicts = [preset.estimator.kind.conflict]
+    conflicts += [cause.conflict for cause in preset.estimator.causes.values()]
+    for conflict in filter(None, conflicts):
         yield f"estimators.{name}.{conflict}"
     fewest = preset.estimator.kind.fewest_noise_draws
     if draws < fewest:
@@ -767,7 +770,7 @@ def _what_if_inconsistencies(name, experiments, estimators, sound):
         if base != block.get("estimator"):
             yield f"{where}.{change}: {part} is an estimator already. Hint: choose another name"
         for cause in what_if.levels_of(block["what_if"][change]):
-            if cause not in what_if.explained(block):
+            if cause not in (what_if.explained(block) or ()):
                 yield (
                     f"{where}.{change}.{cause}: the experiment does not name this cause, so it is "
                     "off. Hint: leave it out, or name it under instances"
@@ -1053,7 +1056,7 @@ def _coerce(value, schema):
 
 
 def _parse(text, kinds):
-    words = {"true": True, "false": False} if "boolean" in kinds else {}
+    words: dict[str, bool | None] = {"true": True, "false": False} if "boolean" in kinds else {}
     words |= {"null": None, "none": None} if "null" in kinds else {}
     if text.lower() in words:
         return words[text.lower()]

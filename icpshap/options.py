@@ -133,8 +133,8 @@ def _property(metadata, annotation):
     if schema:
         return described | schema
     kinds = get_args(annotation) if isinstance(annotation, UnionType) else (annotation,)
-    kinds = [TYPES[kind] for kind in kinds]
-    described["type"] = kinds[0] if len(kinds) == 1 else kinds
+    words = [TYPES[kind] for kind in kinds]
+    described["type"] = words[0] if len(words) == 1 else words
     if metadata["choices"]:
         described["enum"] = list(metadata["choices"])
     return described | metadata["range"].schema

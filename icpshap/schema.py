@@ -403,7 +403,7 @@ def _any_estimator():
 
     A key that kinds do not mean alike has a value that is right for one of them.
     """
-    meanings = defaultdict(list)
+    meanings: defaultdict[str, list[dict]] = defaultdict(list)
     for kind in KINDS:
         for name, described in estimator(kind)["properties"].items():
             if described not in meanings[name]:

@@ -95,7 +95,10 @@ class Cause:
 
     @property
     def adds_evenly(self) -> bool:
-        """Whether the white noise that it adds is the same for every point of both scans."""
+        """Whether white noise that it adds is the same for all points of both scans.
+
+        Else nobody can tell how much the sensor's own noise adds to it.
+        """
         return True
 
     @property
@@ -131,6 +134,13 @@ class Cause:
         return rows
 
     # --- what an odd cause needs besides ----------------------------------------------------------
+
+    def with_own_noise(self, sigma: float) -> Self:
+        """The same with the sensor's own noise, of that standard deviation [m], in what it draws.
+
+        Of the cause that is white noise of the sensor.
+        """
+        return self
 
     def of_pair(self, pair: RawPair) -> Self:
         """The cause for a Pair: where a hook needs more of it than it gets."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
@@ -65,6 +65,9 @@ class SensorNoise(Cause):
         if self.sensor != "none":  # the level is a factor
             object.__setattr__(self, "unit", "")
             object.__setattr__(self, "symbol", "σ/σ₀")
+
+    def with_own_noise(self, sigma: float) -> Self:
+        return replace(self, own=sigma)
 
     def move(
         self, points: np.ndarray, scan: str, level: float, draw: int, streams: Streams

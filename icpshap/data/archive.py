@@ -260,7 +260,9 @@ class Archive:
         members = sorted(container.infolist(), key=lambda info: info.header_offset)
         ends = [*(info.header_offset for info in members), container.start_dir][1:]
         remote = outermost if isinstance(outermost, RemoteFile) else None
-        scans, poses, nested = {}, {}, []
+        scans: dict[int, _Member] = {}
+        poses: dict[str, _Member] = {}
+        nested = []
         for info, end in zip(members, ends, strict=True):
             member = _Member(container, info, remote, offset + info.header_offset, offset + end)
             # Some programs write the separators of Windows.

@@ -242,7 +242,8 @@ def _all_or_one(folder, below, suffixes):
 
 def _below(folder, not_scans):
     """What lies in the folders below one, DEPTH levels down, by folder."""
-    found, level = {}, [folder]
+    found: dict[Path, list[Path]] = {}
+    level = [folder]
     for _ in range(DEPTH):
         level = [path for place in level for path in _files(place) if path.is_dir()]
         found |= {place: _files(place) for place in level}

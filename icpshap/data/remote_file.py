@@ -258,19 +258,19 @@ class RemoteFile(SeekableView):
     def _load(self, position):
         """Make the current block one that holds ``position``."""
         if self._span and self._span[0] <= position < self._span[1]:
-            self._block_start, self._block = position, self._read_span(position)
+            self._block_start, self._block = position, self._read_span(position, *self._span)
         else:
             # Aligned, so that the end of a ZIP directory brings along what precedes it.
             start = position - position % SMALL_BLOCK
             self._block = self._fetch(start, min(start + SMALL_BLOCK, self.size))
             self._block_start = start
 
-    def _read_span(self, position):
-        start, end, spool = self._span
+    def _read_span(self, position, start, end, spool):
         with spool.open("a+b") as file:
             file.seek(position - start)
             if block := file.read(BLOCK):
-                self._progress.resume(len(block))
+                if self._progress:
+                    self._progress.resume(len(block))
             else:
                 block = self._fetch(position, min(position + BLOCK, end))
                 file.write(block)
@@ -366,7 +366,8 @@ class RemoteFile(SeekableView):
 
     def _repeat(self, attempt, what, progress=lambda: 0):
         """Call ``attempt`` until it succeeds, waiting longer the less is achieved."""
-        faults, reached = Counter(), 0
+        faults: Counter[type[_Fault]] = Counter()
+        reached = 0
         while True:
             try:
                 return attempt()

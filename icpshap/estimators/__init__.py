@@ -61,11 +61,10 @@ class Estimator:
 
     def _with_own_noise(self):
         """The same with the sensor's own noise in every setting, if the kind wants it drawn."""
-        noise = self.causes.get("sensor_noise")
-        if noise is None or not self.kind.drawn_sigma:
+        if not (sigma := self.kind.drawn_sigma):
             return self
-        own = replace(noise, own=self.kind.drawn_sigma)
-        return replace(self, causes={**self.causes, "sensor_noise": own})
+        causes = {name: cause.with_own_noise(sigma) for name, cause in self.causes.items()}
+        return replace(self, causes=causes)
 
     def trained(self, table: pd.DataFrame, leave_out: str) -> Estimator:
         """The same with a kind that has learned from a descriptors table, but for one sequence."""
@@ -75,10 +74,9 @@ class Estimator:
     def returned(self) -> Returns:
         """What comes back of a setting: `kind.Returns`."""
         found = self.kind.returned(self.perturbing.noise_draws)
-        noise = self.causes.get("sensor_noise")
-        if noise is not None and not noise.adds_evenly:
-            return replace(found, sensor_sigma=0.0)
-        return found
+        if all(cause.adds_evenly for cause in self.causes.values()):
+            return found
+        return replace(found, sensor_sigma=0.0)
 
     @property
     def number_of_runs(self) -> int:

@@ -189,7 +189,7 @@ def chain(
     prior: Prior,
     points: int,
     normals: np.ndarray,
-    variant: str,
+    variant: int,
 ) -> Chain:
     """The `Chain` of poses that begins at one (6,); as long as its normal numbers (n, 6).
 
@@ -218,7 +218,7 @@ def step(
     prior_gradient: np.ndarray,
     points: int,
     normal: np.ndarray,
-    variant: str,
+    variant: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The next pose (6,) of a chain, and the running mean (6,) of squared gradients.
 

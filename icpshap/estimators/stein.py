@@ -134,7 +134,7 @@ class Stein(Kind):
         )
 
     def _samples(self, group, start, posterior, particles):
-        path = deque(maxlen=WINDOW + 1)
+        path: deque[np.ndarray] = deque(maxlen=WINDOW + 1)
         for now in moved(particles, posterior.score, self.iterations, self.learning_rate):
             if not np.isfinite(now).all():
                 return self._failed(group, start, "degenerate")

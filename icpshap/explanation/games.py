@@ -320,8 +320,9 @@ def _of_other_sensor(replicates, rows, method, times):
 
     NaN where the spread does not hold it, and for readings that are not of covariances.
     """
-    others = [with_sensor_sigma(sample, times) for sample in replicates]
-    if others[0] is None or not method.reading.compares_with_clean:
+    found = [with_sensor_sigma(sample, times) for sample in replicates]
+    others = [sample for sample in found if sample is not None]
+    if not others or not method.reading.compares_with_clean:
         others = [Sample.without_runs(s.causes, s.settings, s.returns) for s in replicates]
     return explain_games(others, rows, method, intervals=False)
 

@@ -7,6 +7,7 @@ intervals err on the wide side.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -161,7 +162,7 @@ def _own_intervals(table, causes):
 
 def _agreement(row, sequence, paper, causes):
     """The paper's values, and whether they lie in our intervals."""
-    found = {}
+    found: dict[str, Any] = {}
     for name in causes:
         value = np.nan
         if paper is not None and name in paper:

@@ -370,11 +370,9 @@ def null_quantile(reading: str, n: int, probability: float, unbiased: bool = Fal
 
 @cache
 def _null_values(reading, n, unbiased):
-    from scipy.stats import (
-        wishart,
-    )  # a third of a second, which the configuration need not wait for
+    from scipy.stats import wishart  # a third of a second, which reading options need not wait for
 
     generator = np.random.default_rng(n)
     samples = wishart.rvs(n - 1, np.eye(DIMENSION), (2, NULL_DRAWS), generator) / (n - 1)
-    clean, perturbed = (Moments(sample, np.float64(n)) for sample in samples)
+    clean, perturbed = (Moments(sample, np.array(float(n))) for sample in samples)
     return READINGS[reading].evaluate(clean, perturbed, unbiased)

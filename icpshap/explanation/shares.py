@@ -93,8 +93,8 @@ def _of_settings(replicates, rows):
     if len(replicates) > 1:
         number = sum(sample.lost.shape[1] for sample in replicates)
         low, high = wilson(value, *of_units(value, found[:, 0].T, number))
-    ends = (column[:, None] for column in (value, low, high))
-    return Estimate(*ends, np.full((len(value), 1), np.nan))
+    value, low, high = (column[:, None] for column in (value, low, high))
+    return Estimate(value, low, high, np.full(value.shape, np.nan))
 
 
 def _parts(game):

@@ -41,7 +41,7 @@ def _cache_directory():
     digest = hashlib.sha256()
     for source in sorted(package.glob("*.py")):
         digest.update(source.read_bytes())
-    base = numba.config.CACHE_DIR or package / "__pycache__"
+    base = numba.config.CACHE_DIR or package / "__pycache__"  # type: ignore[attr-defined]
     return str(Path(base) / f"icp-{digest.hexdigest()[:16]}")
 
 

@@ -19,6 +19,7 @@ not cancel.
 Measured: docs/engine.md.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,7 +46,7 @@ def point_features(
     return px, py, pz, px - a, py - b, pz - c, one
 
 
-METRICS = (plane_features, point_features)
+METRICS: tuple[Callable[..., tuple], ...] = (plane_features, point_features)
 
 
 @dataclass(frozen=True)

@@ -124,7 +124,7 @@ def _packages(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name.split(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            names.add(node.module.split(".")[0])
+            names.add((node.module or "").split(".")[0])
     return names
 
 
@@ -138,7 +138,7 @@ def _code(text):
     tree = _Computing().visit(ast.parse(text))
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and _has_docstring(node):
-            node.body[0].value.value = ""
+            node.body[0] = ast.Expr(ast.Constant(""))
     return ast.unparse(tree)
 
 

@@ -219,8 +219,8 @@ class Plans:
         return self._registration(sequence, [index, index + 1])
 
     def _registration(self, sequence, scans):
-        guess = self.config.data[sequence].folder.get("guess")
-        guess = stamp(self.guess(sequence)) if self.guess(sequence) else guess
+        guess = (self.config.data[sequence].folder or {}).get("guess")
+        guess = stamp(path) if (path := self.guess(sequence)) else guess
         return {
             "sequence": sequence,
             "pairs": [[index, index + 1] for index in scans[:-1]],
@@ -398,12 +398,12 @@ class Plans:
 
     def _training(self, experiment, sequence):
         """What a sequence's estimator learned from, as part of a plan; nothing if it did not."""
-        if self.training(experiment) is None:
+        if (training := self.training(experiment)) is None:
             return {}
         # A list: the order of the examples decides between those that are alike.
         return {
             "training": [
-                [other, digest(self.descriptors(self.training(experiment), other))]
+                [other, digest(self.descriptors(training, other))]
                 for other in self.training_sequences(experiment, sequence)
             ]
         }

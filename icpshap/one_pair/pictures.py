@@ -58,8 +58,11 @@ def _scene(explanation):
     row = next(explanation.tables["pairs"].itertuples())
     known = explanation.options
     method = Method(**{name: known[name] for name in options.names(Method)})
+    pair, kept_reference, kept_source = explanation.scans
     shown = scene.make_scene(
-        *explanation.scans,
+        pair,
+        kept_reference,
+        kept_source,
         explanation.tables.get("runs"),
         explanation.levels,
         method,

@@ -136,14 +136,14 @@ def _listed(title, texts, width, paint, colour):
 
 def _fitting(blocks, room):
     """Lines of titled blocks that fit into so many; what does not is counted."""
-    lines = []
+    lines: list[str] = []
     for number, (title, texts) in enumerate(blocks):
         if not texts:
             continue
         # Of each block that follows a title and a line are kept free.
         kept = 3 * sum(bool(others) for _, others in blocks[number + 1 :])
         free = room - len(lines) - kept - 3
-        shown = []
+        shown: list[str] = []
         for of_text in texts:
             if shown and len(shown) + len(of_text) > free:
                 break

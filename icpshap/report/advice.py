@@ -51,5 +51,5 @@ def _removal(shap, study):
             found[cause] = part[name].median()
     if not found:
         return []
-    cause = max(found, key=found.get)
+    cause = max(found, key=found.__getitem__)
     return [f"Not tried, since f falls most without {cause.title}: {cause.mitigation}."]

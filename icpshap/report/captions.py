@@ -61,7 +61,7 @@ def _intervals(kept, study):
 def _drawn_once(table, study, over):
     """The random numbers that all that was left out for the intervals share, "" for none."""
     shown = study.shown(table) if over in ("runs", "noise draws") else ()
-    parts = {}
+    parts: dict[str, list[str]] = {}
     for cause in sorted(shown, key=lambda cause: cause.drawn_once):
         if cause.drawn and (over == "runs" or cause.drawn_once):
             what, of_what = cause.drawn
@@ -339,7 +339,8 @@ def _opening(figure, table, study):
     if not study.shown(table):
         return NOTHING_PERTURBED
     if figure in study.dependence_figures:
-        return _dependence(*study.dependence_figures[figure], table, study)
+        cause, other = study.dependence_figures[figure]
+        return _dependence(cause, other, table, study)
     return OPENINGS[figure](table, study)
 
 

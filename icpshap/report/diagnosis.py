@@ -156,7 +156,7 @@ def _lost(table, shaps):
 
     One of all experiments of which it is the same.
     """
-    columns = {}
+    columns: dict[tuple, list[str]] = {}
     for name, shap in shaps.items():
         of_pair = pairs_of(shap).set_index(PAIR).clean_wrong_basin_share
         shares = of_pair.reindex(pd.MultiIndex.from_frame(table[PAIR]))

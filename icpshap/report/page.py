@@ -182,7 +182,7 @@ def _diagnoses(sections):
 
     What is the same of several sections, since they are of the same pairs, is said once.
     """
-    found = {}
+    found: dict[Any, Any] = {}
     for section in sections:
         if section.diagnosis is None or not (section.diagnosis.against == OTHERS).any():
             continue  # a pair alone has nothing to be held against
@@ -317,7 +317,7 @@ def _embedded(path):
 
 def _width(path):
     """Width on the page [pixels] of an SVG whose size is in points."""
-    width = ElementTree.parse(path).getroot().get("width")
+    width = ElementTree.parse(path).getroot().get("width", "")
     return round(float(width.removesuffix("pt")) * POINTS_TO_PIXELS)
 
 

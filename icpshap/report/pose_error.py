@@ -128,7 +128,7 @@ def _listed(changes, told):
 
 def _causes(changes, rows, shown):
     """Which cause changes the error most, by how much, and what it would be without."""
-    made = {}
+    made: dict[int, list[Change]] = {}
     for change in changes:
         if change.sign:
             number = max(range(len(shown)), key=lambda k: change.sign * _part(change, k).value)
@@ -157,7 +157,7 @@ def _part(change, number):
 
 def _made(changes, number, rows):
     """What a cause does to the errors, after its name: a phrase each."""
-    phrases = []
+    phrases: list[str] = []
     for change in changes:
         if change.sign < 0:
             again = "" if phrases and phrases[-1].startswith("lowers") else "lowers it most "
@@ -185,6 +185,6 @@ def _mostly(number, rows):
     """The axis along which most of a cause's part lies; "" where none has most of it."""
     along = {name: rows[name].parts[number].value for name in AXES if name in rows}
     along = {name: part for name, part in along.items() if name.startswith("translation")}
-    largest = max(along, key=along.get, default="")
+    largest = max(along, key=along.__getitem__, default="")
     total = sum(abs(part) for part in along.values())
     return f", mostly {AXES[largest]}" if total and along[largest] > MOST * total else ""

@@ -59,7 +59,9 @@ def level(cause: Cause | type[Cause], value: float) -> str:
     return f"{cause.symbol} = {value:g} {cause.unit}".strip()
 
 
-def describe_values(values: Mapping[str, float] | pd.Series, causes: Iterable[Cause]) -> str:
+def describe_values(
+    values: Mapping[str, float] | pd.Series, causes: Iterable[Cause | type[Cause]]
+) -> str:
     """One perturbation in words, as in 'sensor noise σ = 0.05 m, partial overlap λ = 0.05'."""
     return ", ".join(f"{cause.title} {level(cause, values[cause.name])}" for cause in causes)
 

@@ -26,6 +26,7 @@ that several share.
 
 import re
 from pathlib import Path
+from types import ModuleType
 
 from icpshap import registry
 from icpshap.data.formats._lines import AXES
@@ -50,7 +51,7 @@ def _by_suffix(modules):
     Raises ImportError for a module that is no format, and for a suffix that no file name can have
     or that two modules claim.
     """
-    owners = {}
+    owners: dict[str, ModuleType] = {}
     for module in modules:
         missing = ["SUFFIXES"] * (not hasattr(module, "SUFFIXES"))
         missing += ["read"] * (not hasattr(module, "read") and not _reads_columns(module))

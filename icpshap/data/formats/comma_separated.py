@@ -130,8 +130,8 @@ def _csv_error(path, file, names, message):
         row, expected, found = map(int, match.groups())
         return wrong_width(path, _line_of_row(file, row), found, expected)
     if match := re.search(r"column #(\d+): Row #(\d+): .* invalid value '(.*)'", message, re.S):
-        column, row, value = match.groups()
-        return not_a_number(path, _line_of_row(file, int(row)), names[int(column)], value)
+        column, number, value = match.groups()
+        return not_a_number(path, _line_of_row(file, int(number)), names[int(column)], value)
     return DataError(f"{path}: {message}", GET_AGAIN)
 
 

@@ -47,7 +47,8 @@ def _columns(path, archive, members, columns, wanted):
     if len(known) == 1 or len(names) == 1:
         name = (known or names)[0]
         array = _array(path, archive, members[name])
-        own, separate = wanted, ()
+        own: Sequence[str] = wanted
+        separate: Sequence[str] = ()
         if array.dtype.names is None and not (columns and set(wanted) <= set(columns)):
             own, separate = wanted[: len(AXES)], wanted[len(AXES) :]
         points = columns_of(f"{path}, array {name}", array, columns, own)

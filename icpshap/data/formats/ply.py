@@ -95,7 +95,8 @@ def _read(path, names):
 
 def _header(lines):
     """`Header` out of the lines of one."""
-    encoding, elements = None, []
+    encoding = None
+    elements: list[Element] = []
     for words in lines:
         if lines.number == 1 and words != ["ply"]:
             raise HeaderError(f"{shown(' '.join(words))}, expected ply")

@@ -28,6 +28,7 @@ from icpshap.report.study import contains_zero, judged
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
     from icpshap.report.study import Study
@@ -137,7 +138,7 @@ def _colour_bar(axes, norm, study):
     scale = plt.cm.ScalarMappable(norm, COLOURS)
     bar = axes.figure.colorbar(scale, ax=axes, aspect=8 * len(axes.get_yticks()), pad=0.02)
     if isinstance(norm, SymLogNorm):
-        most = 10.0 ** np.floor(np.log10(norm.vmax))
+        most = 10.0 ** np.floor(np.log10(float(norm.vmax or 1.0)))
         bar.set_ticks([-most, -1, 0, 1, most], minor=False)
         bar.ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
     bar.set_label(f"interaction [{study.unit}]")
@@ -163,7 +164,7 @@ def _legend(table, study, norm, has_rings):
     """What diagonal, cells and rings mean; norm: the colour scale, None without couples."""
     median = "median " * (len(table) > 1)
     own = f"diagonal: {median}φ of the cause itself [{study.unit}]"
-    handles = [Patch(facecolor=PLAIN, edgecolor=MUTED, linewidth=1, label=own)]
+    handles: list[Artist] = [Patch(facecolor=PLAIN, edgecolor=MUTED, linewidth=1, label=own)]
     if norm:
         both = f"below: {median}interaction of the two causes [{study.unit}]"
         both += ",\ncolours logarithmic beyond 1" * isinstance(norm, SymLogNorm)

@@ -439,7 +439,7 @@ def _layout(places, panels):
     """Where the panels of a page lie, with their titles above them, as plotly's layout."""
     if len(panels) == 1:
         places = {"scene": ([0, 1], [0, 1])}
-    layout = {"annotations": []}
+    layout: dict[str, Any] = {"annotations": []}
     for panel in panels:
         x, y = places[panel]
         layout[f"{panel}.domain"] = {"x": x, "y": y}
