@@ -229,7 +229,11 @@ def _find_twice(node, path, found):
 
 
 def expand_levels(levels: list | Mapping[str, Any]) -> tuple[float, ...]:
-    """Levels of one cause: a list as it is, else round(start + k step, 12)."""
+    """Levels of one cause: a list as it is, else round(start + k step, 12).
+
+    >>> expand_levels({"start": 0.1, "stop": 0.3, "step": 0.1})
+    (0.1, 0.2, 0.3)
+    """
     if isinstance(levels, list):
         return tuple(float(level) for level in levels)
     start, stop, step = (float(levels[key]) for key in ("start", "stop", "step"))

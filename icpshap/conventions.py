@@ -13,6 +13,10 @@ def ros(covariance: np.ndarray, T_reference_source: np.ndarray) -> np.ndarray:
     """That of geometry_msgs/PoseWithCovariance, of the source's pose in the reference [m, rad].
 
     Translation first, along the reference's axes, then the turn about these fixed axes.
+
+    >>> quarter_turn = np.array([[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    >>> np.diagonal(ros(np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), quarter_turn)).tolist()
+    [5.0, 4.0, 6.0, 2.0, 1.0, 3.0]
     """
     turn = np.kron(np.eye(2), T_reference_source[:3, :3])
     return _of_product(SWAP @ turn, covariance)
@@ -29,7 +33,11 @@ def g2o(covariance: np.ndarray) -> np.ndarray:
 
 
 def translation_first(covariance: np.ndarray) -> np.ndarray:
-    """The same with the translation first [m, rad]."""
+    """The same with the translation first [m, rad].
+
+    >>> np.diagonal(translation_first(np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]))).tolist()
+    [4.0, 5.0, 6.0, 1.0, 2.0, 3.0]
+    """
     return _of_product(SWAP, covariance)
 
 

@@ -59,6 +59,10 @@ def nearest_to_cell_centres(points: np.ndarray, side: float) -> np.ndarray:
 
     The grid's corners lie at whole multiples of `side` [m] in the frame of points (n, 3) [m]; of
     equally near points the first.
+
+    >>> points = np.array([[0.1, 0.1, 0.1], [0.4, 0.5, 0.5], [1.5, 0.5, 0.5]])
+    >>> nearest_to_cell_centres(points, 1.0).tolist()
+    [False, True, True]
     """
     cells = np.floor(points / side)
     distance = np.square(points / side - cells - 0.5).sum(axis=1)

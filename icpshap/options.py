@@ -25,7 +25,11 @@ class Range:
 
     @property
     def schema(self) -> dict[str, float]:
-        """The JSON schema's keywords."""
+        """The JSON schema's keywords.
+
+        >>> Range(above=0, maximum=1).schema
+        {'exclusiveMinimum': 0, 'maximum': 1}
+        """
         keywords = {
             "minimum": self.minimum,
             "exclusiveMinimum": self.above,

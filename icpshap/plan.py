@@ -63,6 +63,14 @@ def settings(levels: Mapping[str, Sequence[float]], replicates: int) -> list[Set
     levels maps the name of each cause of the experiment to its levels. A coalition puts a cause to
     a level or to its reference value: the settings are the grid of levels and reference values.
     Those that share the perturbed reference stand together.
+
+    >>> for setting in settings({"sensor_noise": [0.02], "initial_pose": [1.5]}, replicates=1):
+    ...     print(setting.again, setting.values)
+    True {'sensor_noise': 0.0, 'initial_pose': 1.0}
+    False {'sensor_noise': 0.0, 'initial_pose': 1.0}
+    False {'sensor_noise': 0.0, 'initial_pose': 1.5}
+    False {'sensor_noise': 0.02, 'initial_pose': 1.0}
+    False {'sensor_noise': 0.02, 'initial_pose': 1.5}
     """
     players = causes.named(levels)
     axes = [sorted({cause.off, *levels[cause.name]}) for cause in players]
@@ -91,7 +99,11 @@ def unknown_levels(names: Iterable[str]) -> dict[str, tuple[float, ...]]:
 
 
 def instances(levels: Mapping[str, Sequence[float]]) -> list[dict[str, float]]:
-    """The perturbations to explain, a value by name of each cause: every combination, in order."""
+    """The perturbations to explain, a value by name of each cause: every combination, in order.
+
+    >>> instances({"sensor_noise": [0.02, 0.05], "initial_pose": [1.5]})
+    [{'sensor_noise': 0.02, 'initial_pose': 1.5}, {'sensor_noise': 0.05, 'initial_pose': 1.5}]
+    """
     names = [cause.name for cause in causes.named(levels)]
     return [
         dict(zip(names, values, strict=True))
@@ -136,7 +148,11 @@ def jobs(
 
 
 def batches(items: Sequence[Item], size: int) -> list[Sequence[Item]]:
-    """A list cut into lists of `size` items; more items at its end change no list but the last."""
+    """A list cut into lists of `size` items; more items at its end change no list but the last.
+
+    >>> batches([1, 2, 3, 4, 5], 2)
+    [[1, 2], [3, 4], [5]]
+    """
     return [items[start : start + size] for start in range(0, len(items), size)]
 
 

@@ -39,7 +39,11 @@ class Preset:
         return {"kind": estimator.kind.name, **values}
 
     def with_options(self, **values: Any) -> Preset:
-        """The same with some options changed."""
+        """The same with some options changed.
+
+        >>> PAPER.with_options(runs=200).options["runs"]
+        200
+        """
         return Preset.of(**{**self.options, **values})
 
 

@@ -9,7 +9,12 @@ from scipy.spatial.transform import RigidTransform
 
 
 def exp(xi: np.ndarray) -> np.ndarray:
-    """Exact exponential map, se(3) to SE(3): (..., 6) to (..., 4, 4)."""
+    """Exact exponential map, se(3) to SE(3): (..., 6) to (..., 4, 4).
+
+    >>> quarter_turn = exp(np.array([0, 0, np.pi / 2, 0, 0, 0]))
+    >>> (quarter_turn @ [1, 0, 0, 1]).round(3).tolist()
+    [0.0, 1.0, 0.0, 1.0]
+    """
     xi = np.asarray(xi, dtype=float)
     matrices = RigidTransform.from_exp_coords(xi.reshape(-1, 6)).as_matrix()
     return matrices.reshape(*xi.shape[:-1], 4, 4)
@@ -20,6 +25,11 @@ def log(T: np.ndarray) -> np.ndarray:
 
     Raises ValueError if a matrix is not a rigid transformation (determinant not positive, or last
     row not [0, 0, 0, 1]).
+
+    >>> T = np.eye(4)
+    >>> T[:3, 3] = [1, 2, 3]
+    >>> log(T).tolist()
+    [0.0, 0.0, 0.0, 1.0, 2.0, 3.0]
     """
     T = np.asarray(T, dtype=float)
     coordinates = RigidTransform.from_matrix(T.reshape(-1, 4, 4)).as_exp_coords()
@@ -27,7 +37,12 @@ def log(T: np.ndarray) -> np.ndarray:
 
 
 def inverse(T: np.ndarray) -> np.ndarray:
-    """Inverse of a rigid transformation, (..., 4, 4), by transposing its rotation."""
+    """Inverse of a rigid transformation, (..., 4, 4), by transposing its rotation.
+
+    >>> T = exp(np.array([0.1, 0.2, 0.3, 1, 2, 3]))
+    >>> bool(np.allclose(inverse(T) @ T, np.eye(4)))
+    True
+    """
     T = np.asarray(T, dtype=float)
     result = np.zeros_like(T)
     rotation = np.swapaxes(T[..., :3, :3], -1, -2)
@@ -38,7 +53,13 @@ def inverse(T: np.ndarray) -> np.ndarray:
 
 
 def transform(T_target_source: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Apply one transformation (4, 4) to points (n, 3)."""
+    """Apply one transformation (4, 4) to points (n, 3).
+
+    >>> T = np.eye(4)
+    >>> T[:3, 3] = [1, 2, 3]
+    >>> transform(T, np.zeros((2, 3))).tolist()
+    [[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]
+    """
     return points @ T_target_source[:3, :3].T + T_target_source[:3, 3]
 
 
@@ -52,7 +73,12 @@ def hat(vector: np.ndarray) -> np.ndarray:
 
 
 def adjoint(T: np.ndarray) -> np.ndarray:
-    """Adjoint (..., 6, 6): T exp(xi) inv(T) = exp(adjoint(T) xi), rotation first."""
+    """Adjoint (..., 6, 6): T exp(xi) inv(T) = exp(adjoint(T) xi), rotation first.
+
+    >>> T, xi = exp(np.array([0.1, 0.2, 0.3, 1, 2, 3])), np.array([0.1, 0, 0, 0, 0.2, 0])
+    >>> bool(np.allclose(T @ exp(xi) @ inverse(T), exp(adjoint(T) @ xi)))
+    True
+    """
     T = np.asarray(T, dtype=float)
     rotation = T[..., :3, :3]
     result = np.zeros((*T.shape[:-2], 6, 6))

@@ -12,7 +12,12 @@ from icpshap.causes import CAUSES
 
 
 def levels_of(changes: Mapping[str, Any]) -> dict[str, float]:
-    """Levels of causes among changes."""
+    """Levels of causes among changes.
+
+    >>> changes = {"sensor_noise": 0.05, "normal_neighbours": 20}
+    >>> levels_of(changes), options_of(changes)
+    ({'sensor_noise': 0.05}, {'normal_neighbours': 20})
+    """
     return {name: value for name, value in changes.items() if name in CAUSES}
 
 

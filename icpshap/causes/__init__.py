@@ -15,7 +15,11 @@ CAUSES = registry.classes(__name__, __path__, Cause)
 
 
 def named(names: Iterable[str]) -> tuple[type[Cause], ...]:
-    """The causes of these names, in their own order. Raises KeyError for another name."""
+    """The causes of these names, in their own order. Raises KeyError for another name.
+
+    >>> [cause.label() for cause in players(["partial_overlap", "sensor_noise"], {})]
+    ['sensor noise σ [m]', 'partial overlap λ']
+    """
     return tuple(sorted((CAUSES[name] for name in names), key=lambda c: (c.order, c.name)))
 
 
@@ -37,5 +41,9 @@ def variants_of(causes: Mapping[str, Cause]) -> dict[str, dict[str, Any]]:
 
 
 def shown() -> list[str]:
-    """The names of the causes that a pair of scans shows."""
+    """The names of the causes that a pair of scans shows.
+
+    >>> shown()
+    ['sensor_noise', 'partial_overlap', 'under_constrained']
+    """
     return [name for name, cause in CAUSES.items() if cause.shown_by]

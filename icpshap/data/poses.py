@@ -109,7 +109,11 @@ def read_transforms(path: str | Path) -> np.ndarray:
 
 
 def transform_of(values: Sequence[float] | np.ndarray, where: str) -> np.ndarray:
-    """The transform (4, 4) of 12 or 16 numbers, row-major. Raises DataError if it is none."""
+    """The transform (4, 4) of 12 or 16 numbers, row-major. Raises DataError if it is none.
+
+    >>> transform_of([1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0], "T")[:3, 3].tolist()
+    [0.5, 0.0, 0.0]
+    """
     transform = _of_rows(np.array([values], dtype=float))[0]
     check_pose(where, transform)
     return transform

@@ -111,6 +111,9 @@ def in_words(vector: np.ndarray) -> str:
     """A direction (6,) in words, as in 'along x, yaw': its components, the largest first.
 
     Rotation in units of 1/L, as `weakest_directions` gives it; small components are not named.
+
+    >>> in_words(np.array([0, 0, 0.6, 0.8, 0, 0]))
+    'along x, yaw'
     """
     shares = np.square(vector)
     named = [k for k in np.argsort(-shares, kind="stable") if shares[k] >= NAMED_SHARE]

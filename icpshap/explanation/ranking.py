@@ -120,7 +120,11 @@ def bootstrap_medians(draws: np.ndarray, rule: str, generator: np.random.Generat
 
 
 def holm(p: np.ndarray) -> np.ndarray:
-    """Holm's step-down correction of p values (n,); NaN stays NaN and does not count."""
+    """Holm's step-down correction of p values (n,); NaN stays NaN and does not count.
+
+    >>> holm(np.array([0.01, 0.04, np.nan])).tolist()
+    [0.02, 0.04, nan]
+    """
     p = np.asarray(p, dtype=float)
     ranked = np.argsort(p)[: np.count_nonzero(~np.isnan(p))]
     steps = p[ranked] * np.arange(len(ranked), 0, -1)

@@ -12,10 +12,15 @@ from typing import TypeVar
 import numpy as np
 
 Player = TypeVar("Player")
+FULL_WEIGHT = 1e6  # in the place of infinity; with 1e12 the round-off is 5e-3
 
 
 def coalitions(players: int) -> np.ndarray:
-    """Which players are on: bool (2^M, M), the row number is the coalition's bit mask."""
+    """Which players are on: bool (2^M, M), the row number is the coalition's bit mask.
+
+    >>> coalitions(2).tolist()
+    [[False, False], [True, False], [False, True], [True, True]]
+    """
     return (np.arange(2**players)[:, None] >> np.arange(players) & 1).astype(bool)
 
 
@@ -32,6 +37,9 @@ def shapley_values(game: np.ndarray) -> np.ndarray:
     """Shapley values (..., M) of games (..., 2^M); they add up to f(all on) - f(none on).
 
     A player that changes nothing gets exactly 0, without round-off.
+
+    >>> shapley_values(np.array([0.0, 1.0, 2.0, 5.0])).tolist()  # f of none, a, b, both
+    [2.0, 3.0]
     """
     game = np.asarray(game, dtype=float)
     players = players_of(game)
@@ -45,6 +53,9 @@ def removal_effects(game: np.ndarray) -> np.ndarray:
     """What the value of games (..., 2^M) falls by without each player: (..., M).
 
     f(all on) - f(all on but this one); one that changes nothing there gets exactly 0.
+
+    >>> removal_effects(np.array([0.0, 1.0, 2.0, 5.0])).tolist()
+    [3.0, 4.0]
     """
     game = np.asarray(game, dtype=float)
     everyone = game.shape[-1] - 1
@@ -57,6 +68,9 @@ def interaction_indices(game: np.ndarray) -> np.ndarray:
 
     Grabisch and Roubens (1999), Int. J. Game Theory 28: f(S+ab) - f(S+b) - f(S+a) + f(S) over the
     coalitions S without a and b, weighted by |S|! (M-|S|-2)! / (M-1)!.
+
+    >>> interaction_indices(np.array([0.0, 1.0, 2.0, 5.0])).tolist()  # of (a, b)
+    [2.0]
     """
     game = np.asarray(game, dtype=float)
     players = players_of(game)
@@ -73,20 +87,24 @@ def interaction_indices(game: np.ndarray) -> np.ndarray:
 
 
 def couples(players: Iterable[Player]) -> list[tuple[Player, Player]]:
-    """All couples (a, b) of players, a before b, in the order of `interaction_indices`."""
+    """All couples (a, b) of players, a before b, in the order of `interaction_indices`.
+
+    >>> couples(["a", "b", "c"])
+    [('a', 'b'), ('a', 'c'), ('b', 'c')]
+    """
     return list(combinations(players, 2))
 
 
-def kernel_regression(game: np.ndarray, full_weight: float = 1e6) -> np.ndarray:
+def kernel_regression(game: np.ndarray) -> np.ndarray:
     """The closed form of Algorithm 1 of the paper, (..., 2^M) to (..., M): a cross-check.
 
     Weighted least squares of f minus f(none on) with the weights of Equation (3b); the infinite
-    one of the full coalition becomes `full_weight`, the other meets a row of zeros.
+    one of the full coalition becomes FULL_WEIGHT, the other meets a row of zeros.
     """
     game = np.asarray(game, dtype=float)
     on = coalitions(players_of(game)).astype(float)
     players = on.shape[1]
-    weight = np.full(len(on), full_weight)
+    weight = np.full(len(on), FULL_WEIGHT)
     for coalition, size in enumerate(on.sum(axis=1).astype(int)):
         if 0 < size < players:
             weight[coalition] = (players - 1) / (comb(players, size) * size * (players - size))

@@ -30,7 +30,8 @@ from typing import NamedTuple
 import numpy as np
 
 from icpshap.icp import kdtree
-from icpshap.icp.compiled import jit, prefetch
+from icpshap.icp.compiled import jit
+from icpshap.icp.intrinsics import prefetch
 from icpshap.icp.network import LONGEST
 
 UNFILLED = 0

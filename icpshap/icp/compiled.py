@@ -13,19 +13,14 @@ import hashlib
 import logging
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numba
-from llvmlite import ir
-from numba import extending
-from numba.core import cgutils, types
 
 from icpshap.icp.healing import heal
 
 if TYPE_CHECKING:
     from numba.core.dispatcher import Dispatcher
-    from numba.core.typing.context import BaseContext
-    from numba.core.typing.templates import Signature
 
 
 def jit(function: Callable) -> Dispatcher:
@@ -46,35 +41,6 @@ def _cache_directory():
 
 
 numba.config.CACHE_DIR = _cache_directory()  # type: ignore[attr-defined]  # numba makes it
-
-
-def intrinsic(function: Callable) -> Callable[..., Any]:
-    """A function that writes the code of its calls itself.
-
-    It takes numba's context and the types of what a call is given, and returns their signature and
-    what writes the code; compiled functions call it with values, and without the context.
-    """
-    return extending.intrinsic(function)
-
-
-@intrinsic
-def prefetch(
-    typing_context: BaseContext, array: types.Type, position: types.Type
-) -> tuple[Signature, Callable]:
-    """Ask for the cache line of array[position]; changes nothing but the time to read it."""
-
-    def generate(context, builder, signature, arguments):
-        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        address = builder.gep(data, [arguments[1]])
-        integer = ir.IntType(32)
-        address = builder.bitcast(address, integer.as_pointer())
-        kind = ir.FunctionType(ir.VoidType(), [address.type, integer, integer, integer])
-        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-        read, keep, data_cache = (ir.Constant(integer, value) for value in (0, 3, 1))
-        builder.call(function, [address, read, keep, data_cache])
-        return context.get_dummy_value()
-
-    return types.void(array, position), generate
 
 
 @functools.cache

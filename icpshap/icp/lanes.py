@@ -25,7 +25,7 @@ import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 
-from icpshap.icp.compiled import intrinsic
+from icpshap.icp.intrinsics import INTEGER, LONG, data_of, intrinsic
 from icpshap.icp.minimisers import FEATURES, METRICS
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 LANES = 8
 PRODUCTS = FEATURES * (FEATURES + 1) // 2  # entries of the upper triangle
-INTEGER, LONG, DOUBLE = ir.IntType(32), ir.IntType(64), ir.DoubleType()
+DOUBLE = ir.DoubleType()
 NUMBERS = ir.VectorType(DOUBLE, LANES)
 
 
@@ -108,9 +108,7 @@ def add_links(
     """
 
     def generate(context, builder, signature, arguments):
-        def data(argument):
-            array = context.make_array(signature.args[argument])
-            return array(context, builder, arguments[argument]).data
+        data = data_of(context, builder, signature, arguments)
 
         def loaded(argument, index):
             return builder.load(builder.gep(data(argument), [index]))

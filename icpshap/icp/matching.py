@@ -22,7 +22,8 @@ import numpy as np
 
 from icpshap.icp import kdtree, keys
 from icpshap.icp.candidates import HEADER, SHORT, WORTH_SPLITTING, divide, locate
-from icpshap.icp.compiled import jit, prefetch
+from icpshap.icp.compiled import jit
+from icpshap.icp.intrinsics import prefetch
 from icpshap.icp.network import (
     LANES,
     LONGEST,

@@ -40,7 +40,11 @@ LOGS = "logs"
 
 
 def at(template: str, **values: object) -> str:
-    """A template with some of its wildcards filled in; the others stay."""
+    """A template with some of its wildcards filled in; the others stay.
+
+    >>> at("results/{experiment}/{sequence}", experiment="a")
+    'results/a/{sequence}'
+    """
     for name, value in values.items():
         template = template.replace(f"{{{name}}}", str(value))
     return template

@@ -81,7 +81,8 @@ def as_run(table: pd.DataFrame, planned: Mapping[str, Any]) -> pd.DataFrame:
     """A table under the indices of the pairs that were run, not of those that are explained."""
     if not tables.is_here(planned):
         return table
-    return table.assign(**{name: table[f"played_{name}"] for name in ("reference", "source")})
+    own = zip(("reference", "source"), PLAYED, strict=True)
+    return table.assign(**{name: table[played] for name, played in own})
 
 
 def by_pair(table: pd.DataFrame) -> dict[tuple[int, int], Any]:

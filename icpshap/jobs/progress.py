@@ -175,7 +175,11 @@ def _killed(log):
 
 
 def duration(seconds: float) -> str:
-    """Seconds as in '1:02:03' or '2:03'."""
+    """Seconds as in '1:02:03' or '2:03'.
+
+    >>> duration(3723)
+    '1:02:03'
+    """
     minutes, seconds = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"

@@ -180,12 +180,12 @@ def newly_registered(
         if planner.config.experiments[name].measured:
             continue
         names = {"experiment": name, "sequence": sequence}
-        batches = range(len(planner.batches(name, sequence)))
-        files = (at(paths.OVERLAPS, **names, batch=batch) for batch in batches)
-        measured = storage.parts_of(path for path in files if _about(path) and path not in stale)
-        above = {
-            pair for pair, (_, told) in measured.items() if told.get("overlap", 0.0) > smallest
-        }
+        above: set[str] = set()
+        for batch in range(len(planner.batches(name, sequence))):
+            path = at(paths.OVERLAPS, **names, batch=batch)
+            measured = (_about(path) if path not in stale else None) or {}
+            parts = measured.get("parts", {}).items()
+            above |= {pair for pair, told in parts if told.get("overlap", 0.0) > smallest}
         for path, table, plan in _estimates(planner, name, sequence):
             about = None if path in stale else _about(path)
             if not about or about.get("table") != table:

@@ -153,6 +153,17 @@ def diagnose(
 
     Raises:
         UserError: an argument cannot be used, or says what is wrong with the scans.
+
+    >>> import numpy as np
+    >>> import icpshap
+    >>> random = np.random.default_rng(0)
+    >>> reference, source = random.uniform(-2, 4, (2, 3000, 3))  # of three walls that meet
+    >>> for points in (reference, source):
+    ...     points[range(3000), random.integers(3, size=3000)] = -2
+    ...     points += random.normal(scale=0.2, size=(3000, 3))
+    >>> found = icpshap.diagnose(reference, source, np.eye(4), sensor="hokuyo_utm_30lx")
+    >>> round(found.levels["sensor_noise"], 1)  # [m]
+    0.2
     """
     if sensor is not None and sensor not in SENSORS:
         raise UserError(

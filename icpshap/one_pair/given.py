@@ -320,6 +320,14 @@ def read_scan(path: str | Path, columns: list[str] | None = None) -> np.ndarray:
     """Points (n, 3) [m] of a scan file, in its scanner's frame; its suffix says the format.
 
     columns: names of all columns of a file that does not name them. Raises DataError.
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "scan.xyz"
+    ...     _ = path.write_text("1 2 3\\n4 5 6\\n")
+    ...     read_scan(path)
+    array([[1., 2., 3.],
+           [4., 5., 6.]])
     """
     return scans.read_scan(path, columns=columns)[0]
 

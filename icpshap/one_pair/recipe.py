@@ -94,6 +94,21 @@ def explain(
 
     Raises:
         UserError: an argument cannot be used, or says what is wrong with the scans.
+
+    >>> import numpy as np
+    >>> import icpshap
+    >>> random = np.random.default_rng(0)
+    >>> reference, source = random.uniform(-2, 4, (2, 3000, 3))  # of three walls that meet
+    >>> for points in (reference, source):
+    ...     points[range(3000), random.integers(3, size=3000)] = -2
+    >>> few = {"based_on": "paper", "runs": 50, "subsampling_probability": 0.5}
+    >>> explanation = icpshap.explain(
+    ...     reference, source, np.eye(4), causes={"sensor_noise": 0.05}, estimator=few
+    ... )
+    >>> bool(explanation.shapley.value["sensor_noise"] > 1)  # [nats]
+    True
+    >>> explanation.covariance.order
+    'rotation first'
     """
     reference, source = scan(reference, "reference"), scan(source, "source")
     source_times = times(source_times, len(source))
@@ -166,6 +181,16 @@ def fit_table(
     Arguments and errors as of `explain`; `register` is called once, on the scans as they are. A row
     a check: check, value, unit, expected, grade (red, remark, fits), sentence, remedy; the gravest
     first.
+
+    >>> import numpy as np
+    >>> import icpshap
+    >>> random = np.random.default_rng(0)
+    >>> reference, source = random.uniform(-2, 4, (2, 3000, 3))  # of three walls that meet
+    >>> for points in (reference, source):
+    ...     points[range(3000), random.integers(3, size=3000)] = -2
+    >>> found = icpshap.fit_table(reference, source, np.eye(4))
+    >>> found.grade[found.check == "overlap"].item()
+    'fits'
     """
     reference, source = scan(reference, "reference"), scan(source, "source")
     asked = given(causes, estimator, register, None, perturbation, seed)

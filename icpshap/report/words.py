@@ -34,7 +34,11 @@ def interval(low: float, high: float) -> str:
 
 
 def with_interval(value: float, low: float, high: float) -> str:
-    """A value and, where there is one, its interval."""
+    """A value and, where there is one, its interval.
+
+    >>> with_interval(1.234, 1.0, 2.5)
+    '1.23 [1.00, 2.50]'
+    """
     return f"{number(value)} {interval(low, high)}".strip()
 
 
@@ -72,7 +76,11 @@ def titles(names: Iterable[str]) -> list[str]:
 
 
 def listed(parts: Sequence[str]) -> str:
-    """Parts of a sentence, as in 'a, b and c'; "" where there are none."""
+    """Parts of a sentence, as in 'a, b and c'; "" where there are none.
+
+    >>> listed(["a", "b", "c"])
+    'a, b and c'
+    """
     if not parts:
         return ""
     *first, last = parts
@@ -80,7 +88,11 @@ def listed(parts: Sequence[str]) -> str:
 
 
 def significant(value: float) -> str:
-    """A value as text, with two significant digits and no exponent unless it is far from 1."""
+    """A value as text, with two significant digits and no exponent unless it is far from 1.
+
+    >>> significant(0.01234), significant(1234.5)
+    ('0.012', '1234')
+    """
     if np.isinf(value):
         return "∞"
     if value == 0 or 1e-4 <= abs(value) < 10:

@@ -35,7 +35,11 @@ COMPRESSED = ".gz"
 
 
 def suffix_of(path: Path) -> str:
-    """The ending by which a file's format is found, in lower case: ".ply" or ".ply.gz"."""
+    """The ending by which a file's format is found, in lower case: ".ply" or ".ply.gz".
+
+    >>> suffix_of(Path("scan_7.PLY.gz"))
+    '.ply.gz'
+    """
     last = path.suffix.lower()
     return Path(path.stem).suffix.lower() + last if last == COMPRESSED else last
 

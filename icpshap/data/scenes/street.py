@@ -6,7 +6,7 @@ import numpy as np
 
 from icpshap.data.scenes._parts import SENSOR_HEIGHT, box, cylinder, sphere
 
-HALF_LENGTH, HALF_WIDTH, KERB = 40.0, 8.0, 4.0  # m
+HALF_WIDTH, KERB = 8.0, 4.0  # m
 # From, to along the street, how far behind the building line, height [m].
 HOUSES = {
     -1: (
