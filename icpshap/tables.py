@@ -817,6 +817,7 @@ def pair_part(indices: tuple[int, int]) -> str:
 
 
 def poses_frame(T_global_scan: np.ndarray) -> pd.DataFrame:
+    """The table of poses (n, 4, 4), a row a scan."""
     frame = pd.DataFrame(T_global_scan.reshape(-1, 16), columns=TRANSFORM)
     return frame.assign(scan=range(len(T_global_scan)))
 

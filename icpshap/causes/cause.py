@@ -130,7 +130,7 @@ class Cause:
     def thin(
         self, rows: np.ndarray, run: int, level: float, count: int, streams: Streams
     ) -> np.ndarray:
-        """Those of the rows of a raw source scan of `count` points that a run uses, ascending."""
+        """Of the rows (k,) of a raw source scan of `count` points, those that a run uses, ascending."""
         return rows
 
     # --- what an odd cause needs besides ----------------------------------------------------------
@@ -152,7 +152,7 @@ class Cause:
     def move_again(
         self, points: np.ndarray, scan: str, level: float, draw: int, streams: Streams
     ) -> np.ndarray:
-        """The points that ICP sees, where these are not those that `replace` sees."""
+        """The points (n, 3) [m] that ICP sees, where these are not those that `replace` sees."""
         return points
 
     def noise_variance(self, points: np.ndarray, scan: str, level: float) -> np.ndarray:

@@ -56,7 +56,7 @@ def measured(
 def ground_truth_distance(
     reference: np.ndarray, source: np.ndarray, T_reference_source: np.ndarray, minimum_range: float
 ) -> tuple[float, str]:
-    """Median distance [m] from source points to their nearest reference point, and `warning`.
+    """Median distance [m] from source points (m, 3) to the reference (n, 3), and `warning`.
 
     Arguments as of `measured`.
     """

@@ -52,7 +52,7 @@ class Pair:
         overlap_distance: float,
         source_times: np.ndarray | None = None,
     ) -> Pair:
-        """The pair of two scans, whose overlap is measured."""
+        """The pair of two scans (n, 3), (m, 3) [m], whose overlap is measured at T (4, 4)."""
         distances = nearest_distances(reference, source, T_reference_source)
         return cls(
             reference,

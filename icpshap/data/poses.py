@@ -38,7 +38,7 @@ class Rows(NamedTuple):
     is_tum: bool
 
     def at(self, places: np.ndarray) -> Rows:
-        """Those at some places."""
+        """Those at some places (k,)."""
         stamps = None if self.stamps is None else self.stamps[places]
         lines = [self.lines[place] for place in places]
         return Rows(lines, self.values[places], stamps, self.is_tum)

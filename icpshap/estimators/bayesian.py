@@ -174,7 +174,7 @@ class Chain(NamedTuple):
 
     @classmethod
     def failed(cls, pose: np.ndarray, iterations: int, status: str) -> Chain:
-        """A chain that stays where it begins."""
+        """A chain that stays at the pose (6,) where it begins."""
         return cls(
             np.tile(pose, (iterations, 1)),
             np.full(iterations, status),

@@ -151,8 +151,9 @@ class End(NamedTuple):
 def called(
     register: Callable, reference: np.ndarray, source: np.ndarray, T_initial: np.ndarray
 ) -> End:
-    """`End` of one call; one that fails keeps its initial pose, and its status says why.
+    """`End` of one call on clouds (n, 3), (m, 3) [m] from the pose T_initial (4, 4).
 
+    One that fails keeps its initial pose, and its status says why.
     Raises UserError for a module that is not installed, which no other call would find.
     """
     copies = [np.array(each, dtype=float, order="C") for each in (reference, source, T_initial)]

@@ -137,7 +137,7 @@ class ClosedForm(ChainKind):
     def variances(
         self, group: Group, start: Start
     ) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
-        """What `of_clouds` is told of the noise of a start's first rows, and of the reference."""
+        """What `of_clouds` is told of a start's first rows (k,) and of the reference (n,) [m^2]."""
         if self.noise == "residuals":
             return None, None
         own, counts = self.sensor_sigma**2, self.noise == "known"
@@ -320,7 +320,7 @@ def independent_scatter(
 def shared_scatter(
     links: Links, weights: np.ndarray, source_variance: np.ndarray, reference_variance: np.ndarray
 ) -> np.ndarray:
-    """The same where the links of a point share its noise; weights: `link_weights` of the links."""
+    """The same where the links of a point share its noise; weights (m, 3, 3): `link_weights`."""
     points = homogeneous(links.points)
     # W W = W of each link, but not of a sum of them.
     of_source = information(points, source_variance[:, None, None] * (weights @ weights))

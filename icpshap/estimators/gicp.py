@@ -146,7 +146,10 @@ class Planar(NamedTuple):
 
     @classmethod
     def of(cls, points: np.ndarray, neighbours: int) -> Planar:
-        """In spatial order, with normals from that many neighbours of a point, itself included."""
+        """That of points (n, 3) [m], which get a spatial order.
+
+        neighbours: of a point that give its normal, the point itself included.
+        """
         from icpshap import icp
         from icpshap.icp import kdtree
 

@@ -289,7 +289,7 @@ def alike(starts: Iterable[Start], field: str = "rows") -> Iterator[list[Start]]
 
 
 def subsample(count: int, probability: float, generator: np.random.Generator) -> np.ndarray:
-    """Rows out of `count` that random subsampling keeps, in ascending order.
+    """Rows (k,) out of `count` that random subsampling keeps, in ascending order.
 
     Drawn as gaps between kept rows, which are geometric: the law is that of one coin per row.
     """
@@ -329,7 +329,7 @@ class Draws:
         return self.streams.generator("initial_pose").standard_normal((self.number, 6))
 
     def shares(self) -> list[np.ndarray]:
-        """Numbers of the runs that each noise draw serves."""
+        """Numbers (r,) of the runs that each noise draw serves."""
         return np.split(np.arange(self.number), self.perturbing.noise_draws)
 
     def moved(self, setting: Setting, scan: str, noise_draw: int) -> np.ndarray:
@@ -412,6 +412,7 @@ class Draws:
         return left
 
     def in_range(self, points: np.ndarray) -> np.ndarray:
+        """Mask (n,) of the points (n, 3) [m] beyond the minimum range."""
         return np.linalg.norm(points, axis=1) > self.perturbing.minimum_range
 
     def _initial(self, setting, runs):
@@ -431,7 +432,10 @@ class Draws:
     def subsamples(
         self, usable: np.ndarray, setting: Setting, runs: np.ndarray
     ) -> list[np.ndarray]:
-        """Source rows that a setting leaves of the subsample of each run (`Start.rows`)."""
+        """Source rows that a setting leaves of the subsamples of runs (r,): `Start.rows`.
+
+        usable (m,): which source points there are.
+        """
         runs = runs[:1] if self.one_subsample else runs
         return self.thinned(self.rows(usable, runs), setting, runs)
 
@@ -451,7 +455,7 @@ class Draws:
     def thinned(
         self, rows: list[np.ndarray], setting: Setting, runs: np.ndarray
     ) -> list[np.ndarray]:
-        """Of the rows of each run, those that the causes of a setting leave."""
+        """Of the rows (k,) of each of the runs (r,), those that the causes of a setting leave."""
         for cause, level in _on(self.thinning, setting):
             count = len(self.pair.source)
             rows = [

@@ -191,6 +191,7 @@ class Posterior:
         self.last: Errors | None = None
 
     def normalised(self, poses: np.ndarray) -> np.ndarray:
+        """Particles (k, 6) of poses (k, 6) [m, rad]."""
         return poses / self.unit
 
     def metric(self, particles: np.ndarray) -> np.ndarray:

@@ -162,7 +162,7 @@ class Particles(NamedTuple):
 
     @classmethod
     def failed(cls, T_initial: np.ndarray, status: str) -> Particles:
-        """Particles that stay where they begin."""
+        """Particles that stay where they begin, (k, 4, 4)."""
         number = len(T_initial)
         nothing = np.zeros(number), np.full(number, np.nan)
         return cls(T_initial, 0, np.full(number, status), *nothing)
@@ -221,7 +221,7 @@ def newton_steps(particles: np.ndarray, hessian: np.ndarray, gradient: np.ndarra
 def full_newton_steps(
     particles: np.ndarray, hessian: np.ndarray, gradient: np.ndarray
 ) -> np.ndarray:
-    """The same by the Newton step of the Stein functional itself, block by block.
+    """The same (k, 6) by the Newton step of the Stein functional itself, block by block.
 
     Detommaso, Cui, Spantini, Marzouk, Scheichl, "A Stein variational Newton method" (NeurIPS 2018),
     Eq. 19 with a block diagonal matrix.

@@ -18,7 +18,7 @@ SUCCESS_ROTATION = np.deg2rad(2.0)
 
 
 def pose_error_columns(sample: Sample) -> dict[str, np.ndarray]:
-    """Errors about the ground truth of the runs that did not fail, wrong basins included."""
+    """Errors (S,) about the ground truth of runs that did not fail, wrong basins included."""
     translation, rotation = (
         np.where(sample.failed, np.nan, error) for error in readings.pose_errors(sample.xi)
     )

@@ -234,12 +234,12 @@ def kullback_leibler(
 
 
 def trace_factor(n: np.ndarray | int) -> np.ndarray | float:
-    """What makes tr(S_z^-1 S_clean) unbiased, S_z of n Gaussian runs independent of S_clean's."""
+    """What (...) makes tr(S_z^-1 S_clean) unbiased, S_z of n (...) Gaussian runs, not S_clean's."""
     return (n - DIMENSION - 2) / (n - 1)
 
 
 def log_determinant_bias(n: np.ndarray | int, dimension: int = DIMENSION) -> np.ndarray:
-    """Mean of ln det S - ln det Sigma for the sample covariance S (n - 1) of n Gaussian runs."""
+    """Mean (...) of ln det S - ln det Sigma, S the sample covariance (n - 1) of n (...) runs."""
     orders = np.arange(1, dimension + 1)
     degrees = np.asarray(n, dtype=float)[..., None]
     return (digamma((degrees - orders) / 2) - np.log((degrees - 1) / 2)).sum(-1)
@@ -357,7 +357,7 @@ runs are all those that did not fail, and all.
 
 
 def null_mean(reading: str, n: np.ndarray | int, unbiased: bool = False) -> np.ndarray | float:
-    """Mean of f between two independent samples of n Gaussian runs of the same distribution.
+    """Mean (...) of f between two independent samples of n (...) Gaussian runs of one distribution.
 
     NaN for a reading that is not affine invariant.
     """

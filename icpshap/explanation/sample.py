@@ -64,7 +64,7 @@ class Sample:
 
     @classmethod
     def without_runs(cls, causes: Iterable[str], settings: np.ndarray, returns: Returns) -> Sample:
-        """The sample of a pair that was not registered."""
+        """The sample of a pair that was not registered; settings (S, M): values of the causes."""
         marks = np.zeros((len(settings), 0), dtype=bool)
         xi = np.zeros((*marks.shape, 6))
         again = np.zeros(len(settings), dtype=bool)

@@ -52,7 +52,7 @@ def with_ends(estimate: Estimate, low: np.ndarray, high: np.ndarray) -> Estimate
 
 
 def columns_of(names: Iterable[str], estimate: Estimate) -> dict[str, np.ndarray]:
-    """Columns of a table for the quantities of an `Estimate`, by their names."""
+    """Columns (i,) of a table for the quantities of an `Estimate`, by their names."""
     columns: dict[str, np.ndarray] = {}
     for q, name in enumerate(names):
         value, low, high = estimate.value[:, q], estimate.low[:, q], estimate.high[:, q]

@@ -177,7 +177,7 @@ def coalitions(measured: Sequence[Measurement], levels: Mapping[str, float]) -> 
 
 
 def placed(measured: Sequence[Measurement]) -> tuple[dict[int, np.ndarray], list[int]]:
-    """Where the scans are by the measured poses: T_first_scan by index, and the indices of firsts.
+    """Where scans are by the measured poses: T_first_scan (4, 4) by index, and those of firsts.
 
     The first scan of what hangs together stands at the identity. With more measurements than are
     needed the shortest chain counts.

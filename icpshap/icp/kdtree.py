@@ -134,7 +134,7 @@ def build(points: np.ndarray) -> Tree:
 
 @jit
 def has_extent(box: np.ndarray, node: int) -> bool:
-    """Whether the points of a node differ."""
+    """Whether the points of a node differ; box (2 L, 6)."""
     return (
         (box[node, 0] < box[node, 3])
         | (box[node, 1] < box[node, 4])
@@ -284,7 +284,7 @@ def within(
 
 @jit
 def neighbour_distances(tree: Tree, count: int, samples: int) -> np.ndarray:
-    """Distances [m] of about `samples` points to the farthest of their `count` nearest."""
+    """Distances (s,) [m] of about `samples` points to the farthest of their `count` nearest."""
     n = tree.points.shape[0]
     found = np.empty(count, np.int32)
     distance = np.empty(count)

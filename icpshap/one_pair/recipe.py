@@ -209,7 +209,7 @@ def pair_of(
     asked: Given,
     source_times: np.ndarray | None = None,
 ) -> tuple[Pair, str]:
-    """The measured pair, and what is to be said of how its true pose was found."""
+    """The measured pair of scans (n, 3), (m, 3) [m], and what is to be said of its true pose."""
     minimum_range = asked.preset.estimator.perturbing.minimum_range
     for points, what in ((reference, "reference"), (source, "source")):
         check_scan(points, minimum_range, what)

@@ -48,7 +48,7 @@ def is_huge(values: np.ndarray) -> bool:
 
 
 def axis(values: np.ndarray) -> str:
-    """What an axis for such values is like, where it is not plain."""
+    """What an axis for such values (...) is like, where it is not plain."""
     return AXIS * is_huge(values)
 
 

@@ -118,6 +118,6 @@ def power_of_ten(value: float, _: object) -> str:
 
 
 def tame(axes: Axes, direction: Literal["x", "y"], values: np.ndarray) -> None:
-    """Leave an axis linear unless values are so large that the others would vanish."""
+    """Leave an axis linear unless values (...) are so large that the others would vanish."""
     if words.is_huge(values):
         symmetric_logarithmic(axes, direction)
