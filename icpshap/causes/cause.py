@@ -130,7 +130,7 @@ class Cause:
     def thin(
         self, rows: np.ndarray, run: int, level: float, count: int, streams: Streams
     ) -> np.ndarray:
-        """Of the rows (k,) of a raw source scan of `count` points, those that a run uses, ascending."""
+        """Of rows (k,) of a raw source scan of `count` points those that a run uses, ascending."""
         return rows
 
     # --- what an odd cause needs besides ----------------------------------------------------------
