@@ -4,11 +4,18 @@ Every function works on any number of leading dimensions. A matrix named ``T_tar
 source coordinates into the target frame: ``p_target = T_target_source @ p_source``.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
-def exp(xi: np.ndarray) -> np.ndarray:
+
+def exp(xi: ArrayLike) -> np.ndarray:
     """Exact exponential map, se(3) to SE(3): (..., 6) to (..., 4, 4).
 
     >>> quarter_turn = exp(np.array([0, 0, np.pi / 2, 0, 0, 0]))
@@ -20,7 +27,7 @@ def exp(xi: np.ndarray) -> np.ndarray:
     return matrices.reshape(*xi.shape[:-1], 4, 4)
 
 
-def log(T: np.ndarray) -> np.ndarray:
+def log(T: ArrayLike) -> np.ndarray:
     """Inverse of `exp` for rotation angles up to pi: (..., 4, 4) to (..., 6).
 
     Raises ValueError if a matrix is not a rigid transformation (determinant not positive, or last
@@ -36,7 +43,7 @@ def log(T: np.ndarray) -> np.ndarray:
     return coordinates.reshape(*T.shape[:-2], 6)
 
 
-def inverse(T: np.ndarray) -> np.ndarray:
+def inverse(T: ArrayLike) -> np.ndarray:
     """Inverse of a rigid transformation, (..., 4, 4), by transposing its rotation.
 
     >>> T = exp(np.array([0.1, 0.2, 0.3, 1, 2, 3]))
@@ -63,7 +70,7 @@ def transform(T_target_source: np.ndarray, points: np.ndarray) -> np.ndarray:
     return points @ T_target_source[:3, :3].T + T_target_source[:3, 3]
 
 
-def hat(vector: np.ndarray) -> np.ndarray:
+def hat(vector: ArrayLike) -> np.ndarray:
     """Cross-product matrix: hat(a) @ b = a x b; (..., 3) to (..., 3, 3)."""
     vector = np.asarray(vector, dtype=float)
     x, y, z = np.moveaxis(vector, -1, 0)
@@ -72,7 +79,7 @@ def hat(vector: np.ndarray) -> np.ndarray:
     return np.stack(rows, axis=-1).reshape(*vector.shape[:-1], 3, 3)
 
 
-def adjoint(T: np.ndarray) -> np.ndarray:
+def adjoint(T: ArrayLike) -> np.ndarray:
     """Adjoint (..., 6, 6): T exp(xi) inv(T) = exp(adjoint(T) xi), rotation first.
 
     >>> T, xi = exp(np.array([0.1, 0.2, 0.3, 1, 2, 3])), np.array([0.1, 0, 0, 0, 0.2, 0])

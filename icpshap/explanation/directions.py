@@ -26,6 +26,8 @@ from icpshap.explanation.uncertainty import (
 )
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from icpshap.explanation.method import Method
     from icpshap.explanation.sample import Sample
     from icpshap.explanation.scan_pair import ScanPair
@@ -107,7 +109,7 @@ def weakest_directions(
     return vectors
 
 
-def in_words(vector: np.ndarray) -> str:
+def in_words(vector: ArrayLike) -> str:
     """A direction (6,) in words, as in 'along x, yaw': its components, the largest first.
 
     Rotation in units of 1/L, as `weakest_directions` gives it; small components are not named.

@@ -43,6 +43,7 @@ from icpshap.tables import COVARIANCE, TRANSFORM
 
 if TYPE_CHECKING:
     import shap
+    from numpy.typing import ArrayLike
 
     from icpshap.estimators.kind import Returns
     from icpshap.explanation.method import Method
@@ -168,7 +169,7 @@ def _of_pair(pair, table, **columns):
     return pd.concat([named, table, pd.DataFrame(columns, index=table.index)], axis=1)
 
 
-def uncertainty_table(sample: Sample, reference: np.ndarray, method: Method) -> pd.DataFrame:
+def uncertainty_table(sample: Sample, reference: ArrayLike, method: Method) -> pd.DataFrame:
     """A row per setting: f with its interval and null, runs left out, errors, degeneracy.
 
     reference (M,): the reference values of the causes, the clean setting.
@@ -217,7 +218,7 @@ def uncertainty_table(sample: Sample, reference: np.ndarray, method: Method) -> 
     )
 
 
-def covariances_table(sample: Sample, reference: np.ndarray, method: Method) -> pd.DataFrame:
+def covariances_table(sample: Sample, reference: ArrayLike, method: Method) -> pd.DataFrame:
     """A row per setting: the covariance of the runs that its f is read off, without a floor.
 
     Of readings that are of no covariance, those that f would be if it were. Arguments as of
@@ -238,7 +239,7 @@ def covariances_table(sample: Sample, reference: np.ndarray, method: Method) -> 
     )
 
 
-def games_of_settings(sample: Sample, reference: np.ndarray) -> np.ndarray:
+def games_of_settings(sample: Sample, reference: ArrayLike) -> np.ndarray:
     """A game (S, 2) of each setting: the clean one, at reference values (M,), and itself."""
     settings = np.arange(len(sample.settings))
     return np.column_stack([np.full_like(settings, sample.rows(reference)), settings])

@@ -107,7 +107,7 @@ def jackknife_variance(left_out: np.ndarray) -> np.ndarray:
 
 
 def wilson(
-    share: np.ndarray, number: np.ndarray | int, quantile: np.ndarray | float
+    share: np.ndarray | float, number: np.ndarray | int, quantile: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Wilson's interval (low, high) of a share of `number` trials."""
     square = quantile**2
@@ -119,7 +119,9 @@ def wilson(
     return low, np.where(share >= 1, 1.0, np.minimum(middle + half, 1.0))
 
 
-def of_units(share: np.ndarray, by_unit: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
+def of_units(
+    share: np.ndarray | float, by_unit: np.ndarray, number: np.ndarray | int
+) -> tuple[np.ndarray, np.ndarray]:
     """How many independent runs would vary as much as units do, and the quantile of Student's t.
 
     share (...) of `number` runs; by_unit (..., u): that of each unit, NaN for one without runs.
@@ -135,7 +137,7 @@ def of_units(share: np.ndarray, by_unit: np.ndarray, number: int) -> tuple[np.nd
 
 
 def independent_runs(
-    share: np.ndarray, marked: np.ndarray, weight: np.ndarray, noise_draw: np.ndarray
+    share: np.ndarray | float, marked: np.ndarray, weight: np.ndarray, noise_draw: np.ndarray
 ) -> tuple[np.ndarray | int, np.ndarray | float]:
     """The same (...) of a share of runs that are marked (..., n), over noise draws (n,).
 

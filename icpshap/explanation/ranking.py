@@ -6,13 +6,19 @@ That counts the runs' part of the spread twice, since the pairs' values differ b
 intervals err on the wide side.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from icpshap.errors import UserError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
 
 CONFIDENCE = 0.95
 DRAWS = 2000
@@ -119,7 +125,7 @@ def bootstrap_medians(draws: np.ndarray, rule: str, generator: np.random.Generat
     return np.concatenate(result)
 
 
-def holm(p: np.ndarray) -> np.ndarray:
+def holm(p: ArrayLike) -> np.ndarray:
     """Holm's step-down correction of p values (n,); NaN stays NaN and does not count.
 
     >>> holm(np.array([0.01, 0.04, np.nan])).tolist()

@@ -8,13 +8,19 @@ product, without the cancellation that downdating suffers when a single far-off 
 covariance.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.special import digamma
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
 
 DIMENSION = 6
 SMALLEST_ERROR = 1e-3  # m; keeps the logarithm of the error of a run that lies on the median
@@ -122,7 +128,7 @@ def floor_matrix(rotation: float, translation: float) -> np.ndarray:
     return np.diag(np.repeat([rotation**2, translation**2], 3))
 
 
-def covariance(xi: np.ndarray, floor_rotation: float, floor_translation: float) -> np.ndarray:
+def covariance(xi: ArrayLike, floor_rotation: float, floor_translation: float) -> np.ndarray:
     """Sample covariance (n - 1) plus the floor [rad, m]: (..., n, 6) to (..., 6, 6).
 
     >>> xi = np.random.default_rng(0).normal(scale=0.1, size=(10_000, 6))
@@ -135,7 +141,7 @@ def covariance(xi: np.ndarray, floor_rotation: float, floor_translation: float) 
     return scatter / (xi.shape[-2] - 1) + floor_matrix(floor_rotation, floor_translation)
 
 
-def pose_errors(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def pose_errors(xi: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Translation [m] and rotation [rad] of the poses exp(xi), (..., 6) to (...) each."""
     xi = np.asarray(xi, dtype=float)
     rotation, rho = xi[..., :3], xi[..., 3:]

@@ -6,7 +6,7 @@ plus the floor; whatever the estimator does not return is not there.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -22,6 +22,8 @@ from icpshap.explanation.chains import effective_sample_size
 from icpshap.tables import INITIAL_XI, XI, covariances
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from icpshap.explanation.method import Method
 
 
@@ -116,7 +118,7 @@ class Sample:
         """What is left out for intervals: runs, noise draws, or nothing ("")."""
         return self.returns.units(len(np.unique(self.noise_draw)))
 
-    def rows(self, values: np.ndarray | Sequence[float], again: bool = False) -> np.ndarray:
+    def rows(self, values: ArrayLike, again: bool = False) -> np.ndarray:
         """Row of each setting in values (..., M). Raises UserError if one was not run."""
         values = np.asarray(values, dtype=float)
         flat = values.reshape(-1, values.shape[-1])
@@ -148,7 +150,7 @@ class Sample:
         return np.where(self.no_basin[:, None], np.nan, self.lost.astype(float))
 
     def spread(
-        self, rows: np.ndarray | int, weights: np.ndarray, method: Method
+        self, rows: np.ndarray | int | np.integer, weights: np.ndarray, method: Method
     ) -> readings.Spread:
         """`readings.Spread` of settings `rows` (...) under each weighting (r, n) of the runs."""
         return readings.Spread(

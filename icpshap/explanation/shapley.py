@@ -4,12 +4,18 @@ A game of M players is an array (..., 2^M) of values, indexed by coalition as a 
 set if player a is on. The players are the causes of an experiment, in their order.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from itertools import combinations
 from math import comb, factorial
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
 
 Player = TypeVar("Player")
 FULL_WEIGHT = 1e6  # in the place of infinity; with 1e12 the round-off is 5e-3
@@ -24,7 +30,7 @@ def coalitions(players: int) -> np.ndarray:
     return (np.arange(2**players)[:, None] >> np.arange(players) & 1).astype(bool)
 
 
-def coalition_values(instances: np.ndarray, reference: np.ndarray) -> np.ndarray:
+def coalition_values(instances: ArrayLike, reference: ArrayLike) -> np.ndarray:
     """The mapping h_x (paper, Algorithm 1): instances (i, M) to their settings (i, 2^M, M).
 
     A player that is on takes the instance's value, one that is off its reference value (M,).
@@ -33,7 +39,7 @@ def coalition_values(instances: np.ndarray, reference: np.ndarray) -> np.ndarray
     return np.where(coalitions(instances.shape[-1]), instances[..., None, :], reference)
 
 
-def shapley_values(game: np.ndarray) -> np.ndarray:
+def shapley_values(game: ArrayLike) -> np.ndarray:
     """Shapley values (..., M) of games (..., 2^M); they add up to f(all on) - f(none on).
 
     A player that changes nothing gets exactly 0, without round-off.
@@ -49,7 +55,7 @@ def shapley_values(game: np.ndarray) -> np.ndarray:
     return np.stack([_gain(game, a) @ weight for a in range(players)], axis=-1)
 
 
-def removal_effects(game: np.ndarray) -> np.ndarray:
+def removal_effects(game: ArrayLike) -> np.ndarray:
     """What the value of games (..., 2^M) falls by without each player: (..., M).
 
     f(all on) - f(all on but this one); one that changes nothing there gets exactly 0.
@@ -63,7 +69,7 @@ def removal_effects(game: np.ndarray) -> np.ndarray:
     return game[..., -1:] - game[..., without]
 
 
-def interaction_indices(game: np.ndarray) -> np.ndarray:
+def interaction_indices(game: ArrayLike) -> np.ndarray:
     """Shapley interaction indices (..., M(M-1)/2) of games (..., 2^M), in the order of `couples`.
 
     Grabisch and Roubens (1999), Int. J. Game Theory 28: f(S+ab) - f(S+b) - f(S+a) + f(S) over the
@@ -95,7 +101,7 @@ def couples(players: Iterable[Player]) -> list[tuple[Player, Player]]:
     return list(combinations(players, 2))
 
 
-def kernel_regression(game: np.ndarray) -> np.ndarray:
+def kernel_regression(game: ArrayLike) -> np.ndarray:
     """The closed form of Algorithm 1 of the paper, (..., 2^M) to (..., M): a cross-check.
 
     Weighted least squares of f minus f(none on) with the weights of Equation (3b); the infinite

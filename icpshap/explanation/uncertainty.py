@@ -190,7 +190,7 @@ def mean_of_games(
 
 
 def evaluate(
-    sample: Sample, rows: np.ndarray, clean: int, weights: np.ndarray, method: Method
+    sample: Sample, rows: np.ndarray, clean: int | np.integer, weights: np.ndarray, method: Method
 ) -> np.ndarray:
     """f of settings `rows` (s,) against setting `clean`, under each weighting (r, n): (s, r).
 
