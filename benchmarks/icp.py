@@ -112,7 +112,7 @@ def against_others(scene, points, planes, runs):
     ]
     if planes:
         normals = np.empty_like(reference)
-        normals[target.tree.index] = target.normals
+        normals[target.tree.rows] = target.normals
         clouds[1].normals = open3d.utility.Vector3dVector(normals)
         method = registration.TransformationEstimationPointToPlane()
     criteria = registration.ICPConvergenceCriteria(0.0, 0.0, ITERATIONS)

@@ -307,7 +307,7 @@ def _estimator(given):
 
 def _options(texts, where):
     """Values by key of texts KEY=VALUE."""
-    options = {}
+    options: dict[str, object] = {}
     for text in texts:
         key, sign, value = map(str.strip, text.partition("="))
         if not sign:
@@ -336,7 +336,7 @@ def _what_if(texts):
         return False
     if not texts:
         return True
-    changes = {}
+    changes: dict[str, dict[str, object]] = {}
     for text in texts:
         name, sign, listed = text.partition(":")
         if not sign:
@@ -403,7 +403,7 @@ def _compiling():
     logging.getLogger("icpshap.icp.compiled").setLevel(logging.INFO)
 
 
-def _joined(arguments):
+def _joined(arguments: list[str]) -> list[str]:
     """Numbers of a transform as one word: argparse takes some that are negative for options."""
     result: list[str] = []
     place = 0

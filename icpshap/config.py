@@ -7,9 +7,11 @@ causes and options that must go together.
 
 import difflib
 from collections import Counter
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from math import isfinite, prod
 from pathlib import Path
+from typing import Any
 
 import yaml
 from jsonschema import Draft202012Validator
@@ -29,7 +31,7 @@ from icpshap.selection import FEWEST_OF_A_DRIVE, Selection
 class ConfigError(UserError):
     """The configuration is wrong; `errors` and the message list everything that is."""
 
-    def __init__(self, message, errors=()):
+    def __init__(self, message: str, errors: Collection[str] = ()) -> None:
         super().__init__(message)
         self.errors = errors
 
@@ -48,11 +50,11 @@ class Sequence:
     simulated: dict | None
 
     @property
-    def kind(self):
+    def kind(self) -> str:
         return next(kind for kind in DATA_KINDS if getattr(self, kind) is not None)
 
     @property
-    def registers(self):
+    def registers(self) -> bool:
         """Whether ICP makes the poses."""
         return self.folder is not None and self.folder.get("poses") == REGISTER
 
@@ -91,7 +93,7 @@ class Experiment:
     measured: tuple[str, ...] = ()
 
     @property
-    def causes(self):
+    def causes(self) -> tuple[str, ...]:
         """Names of the players, in the order of the registry."""
         return tuple(cause.name for cause in named([*self.levels, *self.measured]))
 
@@ -121,20 +123,20 @@ class Config:
     what_if: dict[str, dict[str, str]]
     remarks: tuple[str, ...]
 
-    def preset(self, experiment):
+    def preset(self, experiment: str) -> Preset:
         """The `Preset` of an experiment's name; its causes act as they were diagnosed, if so."""
         found = self.experiments[experiment]
         preset = self.estimators[found.estimator]
         return preset.with_options(**AS_DIAGNOSED) if found.measured else preset
 
     @property
-    def planned(self):
+    def planned(self) -> tuple[str, ...]:
         """Names of all experiments that are run: those selected, and what their what_if makes."""
         changed = [part for name in self.run for part in self.what_if.get(name, {}).values()]
         return (*self.run, *changed)
 
 
-def load(config):
+def load(config: Mapping[str, Any]) -> Config:
     """The typed `Config` of a configuration mapping.
 
     Strings in the place of numbers are accepted: that is how ``--config 'a={b: 1}'`` and YAML's
@@ -202,9 +204,9 @@ def load(config):
     )
 
 
-def check_file(path):
+def check_file(path: str | Path) -> None:
     """Raise ConfigError if a mapping of a YAML file names a key twice, which YAML would not say."""
-    twice = []
+    twice: list[tuple[int, tuple]] = []
     _find_twice(yaml.compose(Path(path).read_text(encoding="utf-8")), (), twice)
     if twice:
         lines = "\n".join(
@@ -218,7 +220,7 @@ def check_file(path):
 
 def _find_twice(node, path, found):
     if isinstance(node, yaml.MappingNode):
-        counted = Counter()
+        counted: Counter[Any] = Counter()
         for key, value in node.value:
             where = (*path, key.value)
             counted[key.value] += 1
@@ -230,8 +232,12 @@ def _find_twice(node, path, found):
             _find_twice(item, (*path, number), found)
 
 
-def expand_levels(levels):
-    """Levels of one cause: a list as it is, else round(start + k step, 12)."""
+def expand_levels(levels: list | Mapping[str, Any]) -> tuple[float, ...]:
+    """Levels of one cause: a list as it is, else round(start + k step, 12).
+
+    >>> expand_levels({"start": 0.1, "stop": 0.3, "step": 0.1})
+    (0.1, 0.2, 0.3)
+    """
     if isinstance(levels, list):
         return tuple(float(level) for level in levels)
     start, stop, step = (float(levels[key]) for key in ("start", "stop", "step"))
@@ -306,12 +312,14 @@ def _expanded(experiments):
     An experiment of several estimators is an experiment of each; their names, by estimator, are
     the second mapping's values; those of what an experiment's what_if makes the third's.
     """
-    blocks, by_estimator, changes = {}, {}, {}
+    blocks: dict[str, dict] = {}
+    by_estimator: dict[str, dict[str, str]] = {}
+    changes: dict[str, dict[str, str]] = {}
     for name in experiments:
         block = _inherited(experiments, name)
         if "estimators" in block:
             by_estimator[name] = _names_by_estimator(name, block)
-            parts = by_estimator[name].items()
+            parts = list(by_estimator[name].items())
         else:
             parts = [(block["estimator"], name)]
         blocks |= {part: {**block, "estimator": estimator} for estimator, part in parts}
@@ -397,7 +405,7 @@ def _remarks(config, experiments, run):
 
 
 def _by_sequence(pairs):
-    result = {}
+    result: dict[str, tuple] = {}
     for pair in pairs:
         indices = (pair["reference"], pair["source"])
         result[pair["sequence"]] = (*result.get(pair["sequence"], ()), indices)
@@ -620,8 +628,9 @@ def _estimator_inconsistencies(name, estimators):
                     f"{cause.name} replaces by others. Hint: overlap_removal: raw, or leave out "
                     "voxel_size"
                 )
-    owners = (preset.estimator.kind, *preset.estimator.causes.values())
-    for conflict in filter(None, (owner.conflict for owner in owners)):
+    conflicts = [preset.estimator.kind.conflict]
+    conflicts += [cause.conflict for cause in preset.estimator.causes.values()]
+    for conflict in filter(None, conflicts):
         yield f"estimators.{name}.{conflict}"
     fewest = preset.estimator.kind.fewest_noise_draws
     if draws < fewest:
@@ -793,7 +802,7 @@ def _what_if_inconsistencies(name, experiments, estimators, sound):
         if base != block.get("estimator"):
             yield f"{where}.{change}: {part} is an estimator already. Hint: choose another name"
         for cause in what_if.levels_of(block["what_if"][change]):
-            if cause not in what_if.explained(block):
+            if cause not in (what_if.explained(block) or ()):
                 yield (
                     f"{where}.{change}.{cause}: the experiment does not name this cause, so it is "
                     "off. Hint: leave it out, or name it under instances"
@@ -1050,7 +1059,7 @@ def _waterfall_inconsistencies(where, waterfall, form, causes):
         yield f"{where}.waterfall: is not the fixed instance"
 
 
-def unknown(name, names, what="name"):
+def unknown(name: object, names: Iterable[str], what: str = "name") -> str:
     """A sentence, with its end."""
     close = difflib.get_close_matches(str(name), [str(known) for known in names], n=1)
     if close:
@@ -1085,7 +1094,7 @@ def _coerce(value, schema):
 
 
 def _parse(text, kinds):
-    words = {"true": True, "false": False} if "boolean" in kinds else {}
+    words: dict[str, bool | None] = {"true": True, "false": False} if "boolean" in kinds else {}
     words |= {"null": None, "none": None} if "null" in kinds else {}
     if text.lower() in words:
         return words[text.lower()]

@@ -1,5 +1,6 @@
 """The errors that are the user's to mend."""
 
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 
@@ -14,12 +15,12 @@ class PerturbationError(UserError):
 class DataError(UserError):
     """Data that cannot be used: the message names the place, what was expected and what to do."""
 
-    def __init__(self, problem, hint):
+    def __init__(self, problem: str, hint: str) -> None:
         super().__init__(f"{problem}\nHint: {hint}")
 
 
 @contextmanager
-def extra(name, *packages):
+def extra(name: str, *packages: str) -> Iterator[None]:
     """Where packages of an extra are imported: a UserError says what to install."""
     try:
         yield

@@ -5,9 +5,10 @@ those it reads. The schema of the configuration, its documentation, the presets 
 config.yaml follow from these fields or are tested against them.
 """
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from types import NoneType, UnionType
-from typing import get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 TYPES = {int: "integer", float: "number", str: "string", bool: "boolean", NoneType: "null"}
 REQUIRED = MISSING  # the default of an option that must be given
@@ -23,8 +24,12 @@ class Range:
     below: float | None = None
 
     @property
-    def schema(self):
-        """The JSON schema's keywords."""
+    def schema(self) -> dict[str, float]:
+        """The JSON schema's keywords.
+
+        >>> Range(above=0, maximum=1).schema
+        {'exclusiveMinimum': 0, 'maximum': 1}
+        """
         keywords = {
             "minimum": self.minimum,
             "exclusiveMinimum": self.above,
@@ -34,7 +39,16 @@ class Range:
         return {keyword: limit for keyword, limit in keywords.items() if limit is not None}
 
 
-def option(default, meaning, *, unit=None, choices=None, schema=None, variant=False, **limits):
+def option(
+    default: Any,
+    meaning: str,
+    *,
+    unit: str | None = None,
+    choices: Sequence[str | int] | None = None,
+    schema: dict[str, Any] | Callable[[], dict[str, Any]] | None = None,
+    variant: bool = False,
+    **limits: float,
+) -> Any:
     """The field of an option.
 
     meaning: what it is, as documentation and errors say it, without the full stop; unit: "-" for a
@@ -54,18 +68,18 @@ def option(default, meaning, *, unit=None, choices=None, schema=None, variant=Fa
     return field(default=default, metadata=metadata)
 
 
-def names(owner):
+def names(owner: object) -> list[str]:
     """Names of the options of a class or an instance, in their order."""
     return [part.name for part in _options(owner)]
 
 
-def properties(owner):
+def properties(owner: type) -> dict[str, dict[str, Any]]:
     """JSON schema of each option of a class, by name."""
     hints = get_type_hints(owner)
     return {part.name: _property(part.metadata, hints[part.name]) for part in _options(owner)}
 
 
-def block(owner, description="", required=()):
+def block(owner: type, description: str = "", required: Iterable[str] = ()) -> dict[str, Any]:
     """JSON schema of a closed mapping that holds the options of a class.
 
     required: names that must be given besides the options that have no default.
@@ -81,22 +95,22 @@ def block(owner, description="", required=()):
     }
 
 
-def without_default(owner):
+def without_default(owner: type) -> list[str]:
     """Names of the options of a class that have no default."""
     return [part.name for part in _options(owner) if part.default is REQUIRED]
 
 
-def defaults(owner):
+def defaults(owner: object) -> dict[str, Any]:
     """The default of each option of a class that has one, by name."""
     return {part.name: part.default for part in _options(owner) if part.default is not REQUIRED}
 
 
-def values(owner):
+def values(owner: object) -> dict[str, Any]:
     """The options of an instance, by name."""
     return {name: getattr(owner, name) for name in names(owner)}
 
 
-def variant(owner):
+def variant(owner: object) -> dict[str, Any]:
     """The options by which an instance is a variant, by name; none where it is the usual one."""
     return {
         part.name: getattr(owner, part.name)
@@ -105,7 +119,7 @@ def variant(owner):
     }
 
 
-def deciding(owner):
+def deciding(owner: object) -> dict[str, Any]:
     """The options of an instance as a plan holds them: those of a variant only where it is one."""
     others = {part.name for part in _options(owner) if part.metadata["variant"]}
     others -= set(variant(owner))
@@ -123,8 +137,8 @@ def _property(metadata, annotation):
     if schema:
         return described | schema
     kinds = get_args(annotation) if isinstance(annotation, UnionType) else (annotation,)
-    kinds = [TYPES[kind] for kind in kinds]
-    described["type"] = kinds[0] if len(kinds) == 1 else kinds
+    words = [TYPES[kind] for kind in kinds]
+    described["type"] = words[0] if len(words) == 1 else words
     if metadata["choices"]:
         described["enum"] = list(metadata["choices"])
     return described | metadata["range"].schema

@@ -3,12 +3,21 @@
 Static: it needs the configuration alone, so that the workflow knows its jobs before there are data.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise, product
 from math import ceil
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from icpshap import causes
+
+if TYPE_CHECKING:
+    from icpshap.causes.cause import Cause
+
+
+Item = TypeVar("Item")
 
 # Of a sequence, in one job: scans that are read or simulated, pairs that are measured and checked,
 # and pairs that are registered to make the poses. Each is a minute or a few of large scans.
@@ -30,30 +39,38 @@ class Setting:
     again: bool = False
 
     @classmethod
-    def at(cls, values, replicate=0, again=False):
+    def at(cls, values: Mapping[str, float], replicate: int = 0, again: bool = False) -> Setting:
         """The setting with a mapping of values by cause."""
         return cls(tuple(values.items()), replicate, again)
 
     @property
-    def values(self):
+    def values(self) -> dict[str, float]:
         """Value by name of the cause."""
         return dict(self.levels)
 
-    def level(self, cause):
+    def level(self, cause: Cause | type[Cause]) -> float:
         """The value of a cause; one that is not named is off."""
         return self.values.get(cause.name, cause.off)
 
-    def levels_of(self, causes):
+    def levels_of(self, causes: Iterable[Cause | type[Cause]]) -> tuple[float, ...]:
         """The values of some causes, by which settings can be grouped."""
         return tuple(self.level(cause) for cause in causes)
 
 
-def settings(levels, replicates):
+def settings(levels: Mapping[str, Sequence[float]], replicates: int) -> list[Setting]:
     """Every setting that the coalitions of a grid of levels need, each once.
 
     levels maps the name of each cause of the experiment to its levels. A coalition puts a cause to
     a level or to its reference value: the settings are the grid of levels and reference values.
     Those that share the perturbed reference stand together.
+
+    >>> for setting in settings({"sensor_noise": [0.02], "initial_pose": [1.5]}, replicates=1):
+    ...     print(setting.again, setting.values)
+    True {'sensor_noise': 0.0, 'initial_pose': 1.0}
+    False {'sensor_noise': 0.0, 'initial_pose': 1.0}
+    False {'sensor_noise': 0.0, 'initial_pose': 1.5}
+    False {'sensor_noise': 0.02, 'initial_pose': 1.0}
+    False {'sensor_noise': 0.02, 'initial_pose': 1.5}
     """
     players = causes.named(levels)
     axes = [sorted({cause.off, *levels[cause.name]}) for cause in players]
@@ -73,7 +90,7 @@ def settings(levels, replicates):
     return sorted(found, key=_by_reference(players))
 
 
-def unknown_levels(names):
+def unknown_levels(names: Iterable[str]) -> dict[str, tuple[float, ...]]:
     """Levels of causes that are known only from data, as far as they decide how many settings.
 
     One of each, which may turn out to be off: then there are fewer, and later jobs have less to do.
@@ -81,8 +98,12 @@ def unknown_levels(names):
     return {name: causes.CAUSES[name].levels[:1] for name in names}
 
 
-def instances(levels):
-    """The perturbations to explain, a value by name of each cause: every combination, in order."""
+def instances(levels: Mapping[str, Sequence[float]]) -> list[dict[str, float]]:
+    """The perturbations to explain, a value by name of each cause: every combination, in order.
+
+    >>> instances({"sensor_noise": [0.02, 0.05], "initial_pose": [1.5]})
+    [{'sensor_noise': 0.02, 'initial_pose': 1.5}, {'sensor_noise': 0.05, 'initial_pose': 1.5}]
+    """
     names = [cause.name for cause in causes.named(levels)]
     return [
         dict(zip(names, values, strict=True))
@@ -98,7 +119,13 @@ class Part(NamedTuple):
     stop: int
 
 
-def jobs(pairs, levels, replicates, runs, runs_per_job):
+def jobs(
+    pairs: Iterable[tuple[int, int]],
+    levels: Mapping[str, Sequence[float]],
+    replicates: int,
+    runs: int,
+    runs_per_job: int,
+) -> list[list[Part]]:
     """The settings of the pairs of a sequence cut into jobs of at most `runs_per_job` runs.
 
     A job is a list of `Part`s. Settings that share the perturbed reference and its search index
@@ -107,7 +134,8 @@ def jobs(pairs, levels, replicates, runs, runs_per_job):
     """
     size = max(1, runs_per_job // runs)
     bounds = _bounds(settings(levels, replicates), causes.named(levels), size)
-    found, room = [], 0
+    found: list[dict[tuple[int, int], tuple[int, int]]] = []
+    room = 0
     for pair in pairs:
         for start, stop in pairwise(bounds):
             if stop - start > room:
@@ -119,8 +147,12 @@ def jobs(pairs, levels, replicates, runs, runs_per_job):
     return [[Part(pair, *ends) for pair, ends in job.items()] for job in found]
 
 
-def batches(items, size):
-    """A list cut into lists of `size` items; more items at its end change no list but the last."""
+def batches(items: Sequence[Item], size: int) -> list[Sequence[Item]]:
+    """A list cut into lists of `size` items; more items at its end change no list but the last.
+
+    >>> batches([1, 2, 3, 4, 5], 2)
+    [[1, 2], [3, 4], [5]]
+    """
     return [items[start : start + size] for start in range(0, len(items), size)]
 
 

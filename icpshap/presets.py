@@ -1,6 +1,9 @@
 """An estimator together with how its estimates are read, and the four that are known by name."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import Any
 
 from icpshap import options
 from icpshap.estimators import KINDS, Estimator, option_owners
@@ -17,7 +20,7 @@ class Preset:
     method: Method
 
     @classmethod
-    def of(cls, kind=DEFAULT_KIND, **values):
+    def of(cls, kind: str = DEFAULT_KIND, **values: Any) -> Preset:
         """The preset of a kind's name with these options; others keep their default.
 
         Raises TypeError for an option that the kind does not have.
@@ -28,34 +31,38 @@ class Preset:
         return cls(Estimator.of(kind, values), Method(**of_method))
 
     @property
-    def options(self):
+    def options(self) -> dict[str, Any]:
         """All options by name, with the kind."""
         estimator = self.estimator
         owners = (estimator.kind, estimator.perturbing, *estimator.causes.values(), self.method)
         values = {name: value for owner in owners for name, value in options.values(owner).items()}
         return {"kind": estimator.kind.name, **values}
 
-    def with_options(self, **values):
-        """The same with some options changed."""
+    def with_options(self, **values: Any) -> Preset:
+        """The same with some options changed.
+
+        >>> PAPER.with_options(runs=200).options["runs"]
+        200
+        """
         return Preset.of(**{**self.options, **values})
 
 
-def owners(kind):
+def owners(kind: str) -> list[type]:
     """The classes whose options the configuration of a kind of estimator has."""
     return [*option_owners(kind), Method]
 
 
-def option_names(kind):
+def option_names(kind: str) -> list[str]:
     """Names of the options of a kind of estimator."""
     return [name for owner in owners(kind) for name in options.names(owner)]
 
 
-def required(kind):
+def required(kind: str) -> list[str]:
     """Names of the options that an estimator of a kind must be given."""
     return [name for owner in owners(kind) for name in options.without_default(owner)]
 
 
-def kinds_with(name):
+def kinds_with(name: str) -> list[str]:
     """The kinds of estimators that have an option of this name."""
     return [kind for kind in KINDS if name in option_names(kind)]
 

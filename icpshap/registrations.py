@@ -10,8 +10,8 @@ from functools import lru_cache
 import numpy as np
 
 
-def small_gicp(reference, source, T_initial):
-    """Generalised ICP of small_gicp on clouds thinned to a grid of 0.25 m, with links up to 1 m."""
+def small_gicp(reference: np.ndarray, source: np.ndarray, T_initial: np.ndarray) -> np.ndarray:
+    """Generalised ICP of small_gicp on clouds on a grid of 0.25 m, links up to 1 m: (4, 4)."""
     import small_gicp
 
     result = small_gicp.align(
@@ -26,8 +26,8 @@ def small_gicp(reference, source, T_initial):
     return result.T_target_source
 
 
-def open3d(reference, source, T_initial):
-    """Point-to-plane ICP of Open3D, normals from 20 neighbours, with links up to 1 m.
+def open3d(reference: np.ndarray, source: np.ndarray, T_initial: np.ndarray) -> np.ndarray:
+    """Point-to-plane ICP of Open3D, normals from 20 neighbours, links up to 1 m: (4, 4).
 
     Open3D uses as many threads as OMP_NUM_THREADS says, which the workflow sets to 1.
     """

@@ -4,9 +4,21 @@ import importlib
 import os
 import pkgutil
 import sys
+from collections.abc import Iterable
+from types import ModuleType
+from typing import ClassVar, Protocol, TypeVar
 
 
-def modules(package, path):
+class Named(Protocol):
+    """What has a name by which it is found."""
+
+    name: ClassVar[str]
+
+
+Plugin = TypeVar("Plugin", bound=Named)
+
+
+def modules(package: str, path: Iterable[str]) -> list[ModuleType]:
     """The modules of a package, by name; those whose name begins with _ are parts of others.
 
     package: its dotted name; path: its ``__path__``.
@@ -15,7 +27,7 @@ def modules(package, path):
     return [importlib.import_module(f"{package}.{name}") for name in names if name[0] != "_"]
 
 
-def imported(name):
+def imported(name: str) -> ModuleType:
     """The module of that dotted name, be it installed or a file of the working directory.
 
     The working directory comes last: a file in it hides no library.
@@ -26,12 +38,12 @@ def imported(name):
     return importlib.import_module(name)
 
 
-def classes(package, path, base):
+def classes(package: str, path: Iterable[str], base: type[Plugin]) -> dict[str, type[Plugin]]:
     """The subclasses of `base` that the modules of a package define, by their `name`.
 
     Raises ImportError if two have the same name.
     """
-    found = {}
+    found: dict[str, type[Plugin]] = {}
     for module in modules(package, path):
         for member in vars(module).values():
             if not (isinstance(member, type) and issubclass(member, base)):

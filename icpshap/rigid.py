@@ -14,8 +14,14 @@ class Fault(NamedTuple):
     hint: str
 
 
-def fault(T):
-    """The `Fault` of a matrix (4, 4) of finite numbers; None if it is rigid."""
+def fault(T: np.ndarray) -> Fault | None:
+    """The `Fault` of a matrix (4, 4) of finite numbers; None if it is rigid.
+
+    >>> fault(np.eye(4)) is None
+    True
+    >>> fault(np.diag([1.0, 1.0, -1.0, 1.0])).hint
+    'two axes are swapped, or one is turned round: check how the matrix is made.'
+    """
     rotation, last = T[:3, :3], T[3]
     if np.abs(last - [0, 0, 0, 1]).max() > TOLERANCE:
         transposed = np.abs(T[:, 3] - [0, 0, 0, 1]).max() <= TOLERANCE

@@ -1,8 +1,10 @@
 """The JSON schema of the configuration, made from the options and the causes."""
 
 from collections import defaultdict
+from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass
+from typing import Any
 
 from icpshap import options, presets
 from icpshap.causes import CAUSES, named
@@ -398,7 +400,7 @@ def _open_to_others(block, what):
     return {**{key: block[key] for key in block if key != "required"}, "properties": properties}
 
 
-def estimator(kind):
+def estimator(kind: str) -> dict[str, Any]:
     """JSON schema of an estimator of a kind."""
     properties = {**_based_on("estimator"), **_kind()}
     for owner in presets.owners(kind):
@@ -411,7 +413,7 @@ def _any_estimator():
 
     A key that kinds do not mean alike has a value that is right for one of them.
     """
-    meanings = defaultdict(list)
+    meanings: defaultdict[str, list[dict]] = defaultdict(list)
     for kind in KINDS:
         for name, described in estimator(kind)["properties"].items():
             if described not in meanings[name]:
@@ -439,7 +441,7 @@ def _mapping(description, entry):
 EXPERIMENT_KEYS = tuple(options.block(Experiment)["required"])
 
 
-def configuration():
+def configuration() -> dict[str, Any]:
     """JSON schema of the whole configuration; estimators are of any kind."""
     top = options.block(TopLevel)
     blocks = {
@@ -472,7 +474,7 @@ def configuration():
     }
 
 
-def with_kinds(kinds):
+def with_kinds(kinds: Mapping[str, str]) -> dict[str, Any]:
     """The schema with the keys of each estimator's own kind; kinds: by name of the estimator."""
     schema = deepcopy(configuration())
     schema["properties"]["estimators"]["properties"] = {
@@ -481,7 +483,7 @@ def with_kinds(kinds):
     return schema
 
 
-def for_editors():
+def for_editors() -> dict[str, Any]:
     """The schema as editors complete by it: every file may lay a part over config.yaml."""
     return _of_parts(configuration())
 

@@ -31,12 +31,12 @@ class Selection:
         None, "Pairs of a sequence, at most; null or absent: all", minimum=1, maximum=MOST_SCANS
     )
 
-    def pairs(self, scans):
+    def pairs(self, scans: int) -> tuple[tuple[int, int], ...]:
         """The pairs (reference, source) of a sequence of so many scans, in order."""
         references = range(self.start, scans - self.step, self.every)[: self.count]
         return tuple((i, i + self.step) for i in references)
 
-    def remark(self, sequence, scans):
+    def remark(self, sequence: str, scans: int) -> str:
         """What a sequence of so many scans lacks for what is asked for, in words; "" if nothing."""
         found = len(self.pairs(scans))
         if not found:

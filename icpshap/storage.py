@@ -9,8 +9,10 @@ import errno
 import hashlib
 import json
 import os
+from collections.abc import Iterable, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -30,7 +32,7 @@ class StorageError(UserError):
     """A file cannot be read, or is not what was written."""
 
 
-def write(path, table, about):
+def write(path: str | Path, table: pa.Table, about: Mapping[str, Any]) -> None:
     """Write an Arrow table with the mapping `about`, which JSON can hold, as its metadata.
 
     Raises StorageError if the file cannot be written; what was there before stays.
@@ -42,14 +44,19 @@ def write(path, table, about):
         pq.write_table(table, file, write_page_checksum=True)
 
 
-def write_parts(path, schema, parts, about):
+def write_parts(
+    path: str | Path,
+    schema: pa.Schema,
+    parts: Iterable[tuple[str, pa.Table, Mapping[str, Any]]],
+    about: Mapping[str, Any],
+) -> None:
     """Write the Arrow tables of `parts`, an iterable of (name, table, mapping), each as a part.
 
     schema: that of each table, which has rows; mapping: what `parts_of` tells of the part, besides
     its number of `rows` and its `digest`. Only one part at a time is held. Raises StorageError as
     `write` does.
     """
-    found = {}
+    found: dict[str, dict[str, Any]] = {}
     with _replaced(path) as file, pq.ParquetWriter(file, schema, write_page_checksum=True) as made:
         for name, table, more in parts:
             made.write_table(table, row_group_size=len(table))
@@ -63,7 +70,7 @@ def write_parts(path, schema, parts, about):
         made.add_key_value_metadata({ABOUT: told, ABOUT_DIGEST: _digest_of(told)})
 
 
-def read(path):
+def read(path: str | Path) -> tuple[pa.Table, dict[str, Any]]:
     """The Arrow table of a file and what `write` was told of it; of one in parts, all of them.
 
     Raises StorageError if the file cannot be read or is not, to the bit, what was written.
@@ -80,7 +87,7 @@ def read(path):
     return table, about
 
 
-def read_part(path, name):
+def read_part(path: str | Path, name: str) -> pa.Table:
     """The Arrow table of a part of a file; nothing else of it is read. Raises StorageError."""
     with _opened(path) as file:
         about = _checked_about(path, file.metadata.metadata or {})
@@ -89,7 +96,7 @@ def read_part(path, name):
         return _part(path, file, about, name)
 
 
-def parts_of(paths):
+def parts_of(paths: Iterable[str | Path]) -> dict[str, tuple[str | Path, dict[str, Any]]]:
     """File and what is told of it of each part of several files, by name of the part."""
     return {
         name: (path, told)
@@ -98,7 +105,7 @@ def parts_of(paths):
     }
 
 
-def read_about(path):
+def read_about(path: str | Path) -> dict[str, Any]:
     """What `write` was told of a file; nothing else of it is read or checked.
 
     A run begins with thousands of these, so that first it is looked for in the end of the file as
@@ -116,7 +123,7 @@ def read_about(path):
     return _checked_about(path, metadata)
 
 
-def largest_part(path):
+def largest_part(path: str | Path) -> int:
     """Rows of the largest part of a file; 0 if it is damaged, which who reads it says.
 
     FileNotFoundError if there is no such file.
@@ -129,7 +136,7 @@ def largest_part(path):
         return 0
 
 
-def digest_of(mapping):
+def digest_of(mapping: object) -> str:
     """Short digest of a mapping that JSON can hold; lists and tuples are alike."""
     return hashlib.sha256(json.dumps(mapping, sort_keys=True).encode()).hexdigest()[:16]
 

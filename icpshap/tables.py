@@ -5,9 +5,14 @@ what decides its numbers (causes, plan, digests of the data), so that the same i
 bytes.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -16,6 +21,10 @@ import pyarrow as pa
 from icpshap import causes as registry
 from icpshap import storage
 from icpshap.errors import UserError
+
+if TYPE_CHECKING:
+    from icpshap.causes.cause import Cause
+
 
 PAIR = ["sequence", "reference", "source"]
 INITIAL_XI = [f"initial_xi_{k}" for k in range(6)]
@@ -637,7 +646,9 @@ OF_GAMES = (
 )
 
 
-def columns(table, causes=(), here=False):
+def columns(
+    table: str, causes: Sequence[Cause | type[Cause]] = (), here: bool = False
+) -> list[Column]:
     """The columns of the named table, for an experiment with these causes.
 
     here: whether its instances are diagnosed, and played on other pairs.
@@ -646,12 +657,19 @@ def columns(table, causes=(), here=False):
     return found + _PLAYED if here and table in OF_GAMES else found
 
 
-def is_here(plan):
+def is_here(plan: Mapping[str, Any] | None) -> bool:
     """Whether a plan is of an experiment whose instances are diagnosed."""
     return "measured" in (plan or {})
 
 
-def write(path, frame, table, plan=None, causes=(), **about):
+def write(
+    path: str | Path,
+    frame: pd.DataFrame,
+    table: str,
+    plan: Mapping[str, Any] | None = None,
+    causes: Iterable[str] = (),
+    **about: Any,
+) -> None:
     """Write a frame as the named table, whole or not at all.
 
     plan: mapping of what decides its numbers, and under `variants` of what the words of the causes
@@ -674,7 +692,7 @@ def write(path, frame, table, plan=None, causes=(), **about):
     storage.write(path, arrow, about)
 
 
-def read(path, table):
+def read(path: str | Path, table: str) -> pd.DataFrame:
     """The frame of a file of the named table.
 
     Raises TableError if its columns are others, storage.StorageError if the file is damaged.
@@ -690,7 +708,7 @@ def read(path, table):
     return found.to_pandas()
 
 
-def read_all(paths, table):
+def read_all(paths: Iterable[str | Path], table: str) -> pd.DataFrame:
     """The frames of several files of the named table as one; they must have the same causes."""
     return pd.concat([read(path, table) for path in paths], ignore_index=True)
 
@@ -702,14 +720,14 @@ class ByPair:
     the memory of a job or two, or of the one pair, however many there are.
     """
 
-    def __init__(self, paths, table):
-        self._paths = {}
+    def __init__(self, paths: Iterable[str | Path], table: str) -> None:
+        self._paths: dict[tuple[int, int], list] = {}
         for path in paths:
             for pair, *_ in read_about(path)["plan"]["parts"]:
                 self._paths.setdefault(tuple(pair), []).append(path)
         self._read = lru_cache(maxsize=1)(partial(read, table=table))
 
-    def get(self, pair):
+    def get(self, pair: tuple[int, int]) -> pd.DataFrame | None:
         """The rows of a pair, in the order of the files; None if it has none."""
         found = []
         for path in self._paths.get(pair, ()):
@@ -719,22 +737,28 @@ class ByPair:
         return pd.concat(found, ignore_index=True) if found else None
 
 
-def read_about(path):
+def read_about(path: str | Path) -> dict[str, Any]:
     """What `write` was told of a file besides its rows."""
     return storage.read_about(path)
 
 
-def read_poses(path):
+def read_poses(path: str | Path) -> np.ndarray:
     """Poses T_global_scan (n, 4, 4)."""
     return read(path, "poses")[TRANSFORM].to_numpy().reshape(-1, 4, 4)
 
 
-def empty(table, causes=(), plan=None):
+def empty(
+    table: str, causes: Iterable[str] = (), plan: Mapping[str, Any] | None = None
+) -> pd.DataFrame:
     """The named table without rows; causes: their names; plan: as of `write`."""
     return _schema(columns(table, registry.named(causes), is_here(plan))).empty_table().to_pandas()
 
 
-def write_scans(path, scans, plan):
+def write_scans(
+    path: str | Path,
+    scans: Iterable[tuple[int, np.ndarray, np.ndarray | None, int]],
+    plan: Mapping[str, Any],
+) -> None:
     """Write scans one after the other, each as a part of its own.
 
     scans: iterable of (index, points (n, 3) [m], times (n,) or None, rows that were dropped); all
@@ -751,19 +775,23 @@ def write_scans(path, scans, plan):
     _write_parts(path, table, parts(), plan)
 
 
-def read_scan(path, index):
+def read_scan(path: str | Path, index: int) -> tuple[np.ndarray, np.ndarray | None]:
     """Points (n, 3) [m] of a scan of a file, and their times (n,) or None."""
     frame = storage.read_part(path, scan_part(index)).to_pandas()
     times = frame["time"].to_numpy() if "time" in frame else None
     return frame[["x", "y", "z"]].to_numpy(), times
 
 
-def scan_part(index):
+def scan_part(index: int) -> str:
     """Name of a scan, as a part of a file and where a file says what it was made from."""
     return f"scan_{index}"
 
 
-def write_overlaps(path, overlaps, plan):
+def write_overlaps(
+    path: str | Path,
+    overlaps: Iterable[tuple[tuple[int, int], np.ndarray, float]],
+    plan: Mapping[str, Any],
+) -> None:
     """Write the overlap of pairs, each as a part of its own.
 
     overlaps: iterable of (indices of reference and source, mask (m,), overlap ratio).
@@ -778,22 +806,23 @@ def write_overlaps(path, overlaps, plan):
     _write_parts(path, "overlaps", parts(), plan)
 
 
-def read_overlap(path, indices):
+def read_overlap(path: str | Path, indices: tuple[int, int]) -> np.ndarray:
     """Mask (m,) of the overlapping source points of a pair of a file."""
     return storage.read_part(path, pair_part(indices))["overlapping"].to_numpy()
 
 
-def pair_part(indices):
+def pair_part(indices: tuple[int, int]) -> str:
     """Name of a pair (reference, source), as a part of a file."""
     return "{}-{}".format(*indices)
 
 
-def poses_frame(T_global_scan):
+def poses_frame(T_global_scan: np.ndarray) -> pd.DataFrame:
+    """The table of poses (n, 4, 4), a row a scan."""
     frame = pd.DataFrame(T_global_scan.reshape(-1, 16), columns=TRANSFORM)
     return frame.assign(scan=range(len(T_global_scan)))
 
 
-def covariances(frame):
+def covariances(frame: pd.DataFrame) -> np.ndarray:
     """Covariances (n, 6, 6) of a frame that has the columns of their upper triangles."""
     row, column = np.triu_indices(6)
     upper = frame[COVARIANCE].to_numpy(dtype=float)
@@ -802,7 +831,7 @@ def covariances(frame):
     return result
 
 
-def covariance_columns(covariance):
+def covariance_columns(covariance: np.ndarray) -> dict[str, float]:
     """The upper triangle of a covariance (6, 6) by column."""
     return dict(zip(COVARIANCE, covariance[np.triu_indices(6)], strict=True))
 

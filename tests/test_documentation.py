@@ -347,7 +347,6 @@ def parts(block):
 
 READINGS = "icpshap/explanation/readings.py"
 SMALL = {"runs": 60, "subsampling_probability": 0.2, "maximum_iterations": 20}
-REGISTERS = ("run_icp", "estimate_covariances", "estimate_both")
 
 LOAD = """
 import json, sys

@@ -1,4 +1,7 @@
-"""Modules import only what stands above them: the order of docs/extending.md, held."""
+"""Modules import only what stands above them: the order of docs/extending.md, held.
+
+And the tree of CONTRIBUTING.md is that of the repository.
+"""
 
 import ast
 import re
@@ -47,3 +50,23 @@ def test_arrows_go_one_way():
                 wrong.append(f"{path.relative_to(PACKAGE)}:{line} imports {name}")
     assert wrong == []
     assert seen == set(places)  # the order has every module, and no other
+
+
+def listed():
+    """Paths of the tree of CONTRIBUTING.md: names at the head of its lines, below their folders."""
+    page = (PACKAGE.parent / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    folder = ""
+    for line in re.search(r"```\n(Snakefile .*?)```", page, re.S)[1].splitlines():
+        name = line.split()[0]
+        folder = folder if line.startswith(" ") else ""
+        yield folder + name
+        folder = folder or name
+
+
+def test_the_tree_is_that_of_the_repository():
+    paths = list(listed())
+    assert [path for path in paths if not (PACKAGE.parent / path).exists()] == []
+    packages = {f"icpshap/{path.parent.name}/" for path in PACKAGE.glob("*/__init__.py")}
+    assert packages == {
+        path for path in paths if path.startswith("icpshap/") and path != "icpshap/"
+    }

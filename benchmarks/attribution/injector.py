@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from icpshap.data import simulate
 
-FIRST_SEED, SECOND_SEED = 20261130, 77003
+FIRST_SEED = 20261130
 SCENES = ("apartment", "corridor", "hall", "plain", "stairwell", "street")
 # Beams, and options of simulate_scan, by scanner.
 SCANNERS = {"tilting": (40_000, {}), "spinning": (57_600, {"rings": 32})}

@@ -11,12 +11,18 @@ and figures. Four rules hold for each hook, so that any causes can act together:
 - masks are made from the raw scans, so that they do not depend on what moves the points.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
 from icpshap.options import Range
+
+if TYPE_CHECKING:
+    from icpshap.causes._given import RawPair, Streams
+
 
 HOOKS = ("move", "keep", "start", "thin")
 SCANS = ("reference", "source")
@@ -52,87 +58,117 @@ class Cause:
     shown_by: ClassVar[str] = ""
     told: ClassVar[bool] = False
 
-    def label(self):
+    def label(self) -> str:
         """Title, symbol and unit, as an axis shows them."""
         return f"{self.title} {self.symbol}" + (f" [{self.unit}]" if self.unit else "")
 
     @classmethod
-    def hook(cls):
+    def hook(cls) -> str:
         """Name of the hook through which the cause acts."""
         return next(name for name in HOOKS if getattr(cls, name) is not getattr(Cause, name))
 
     @classmethod
-    def acts_on(cls, scan):
+    def acts_on(cls, scan: str) -> bool:
         """Whether another level means another cloud of the `reference` or the `source`."""
         return cls.hook() in ("move", "keep") and scan in cls.scans
 
     @property
-    def drawn(self):
+    def drawn(self) -> tuple[str, str] | tuple[()]:
         """What the runs of a noise draw share: what is drawn, and of what; () where nothing is."""
         of_what = {"move": f"of the {self.title}", "keep": "of the removed points"}
         return ("draw", of_what[self.hook()]) if self.hook() in of_what else ()
 
     @property
-    def drawn_once(self):
+    def drawn_once(self) -> bool:
         """Whether all noise draws share it, too."""
         return self.hook() == "keep"
 
     @property
-    def conflict(self):
+    def conflict(self) -> str:
         """What is wrong with its options together, after the name of one of them; "" if nothing."""
         return ""
 
     @property
-    def acts_when_off(self):
+    def acts_when_off(self) -> bool:
         """Whether it acts even where it is off or not named."""
         return self.replaces
 
     @property
-    def replaces(self):
+    def adds_evenly(self) -> bool:
+        """Whether white noise that it adds is the same for all points of both scans.
+
+        Else nobody can tell how much the sensor's own noise adds to it.
+        """
+        return True
+
+    @property
+    def replaces(self) -> bool:
         """Whether it acts by `replace`; only `released_code` has that."""
         return False
 
     # --- the hooks --------------------------------------------------------------------------------
 
-    def move(self, points, scan, level, draw, streams):
+    def move(
+        self, points: np.ndarray, scan: str, level: float, draw: int, streams: Streams
+    ) -> np.ndarray:
         """The points (n, 3) [m] of a raw scan in its scanner's frame, as they are measured.
 
         scan: reference or source; draw: number of the noise draw; streams: random numbers by name.
         """
         return points
 
-    def keep(self, pair, scan, level, draw, streams):
+    def keep(
+        self, pair: RawPair, scan: str, level: float, draw: int, streams: Streams
+    ) -> np.ndarray:
         """Mask of the rows of a raw scan, reference (n,) or source (m,), that are left."""
-        return None
+        return np.ones(len(getattr(pair, scan)), dtype=bool)
 
-    def start(self, deviation, level):
+    def start(self, deviation: np.ndarray, level: float) -> np.ndarray:
         """Standard deviation (6,) of the initial pose's error xi [rad x3, m x3]."""
         return deviation
 
-    def thin(self, rows, run, level, count, streams):
-        """Those of the rows of a raw source scan of `count` points that a run uses, ascending."""
+    def thin(
+        self, rows: np.ndarray, run: int, level: float, count: int, streams: Streams
+    ) -> np.ndarray:
+        """Of rows (k,) of a raw source scan of `count` points those that a run uses, ascending."""
         return rows
 
     # --- what an odd cause needs besides ----------------------------------------------------------
 
-    def of_pair(self, pair):
+    def with_own_noise(self, sigma: float) -> Self:
+        """The same with the sensor's own noise, of that standard deviation [m], in what it draws.
+
+        Of the cause that is white noise of the sensor.
+        """
+        return self
+
+    def of_pair(self, pair: RawPair) -> Self:
         """The cause for a Pair: where a hook needs more of it than it gets."""
         return self
 
-    def check(self, pair, level):
+    def check(self, pair: RawPair, level: float) -> None:
         """Raise PerturbationError if the level cannot be applied to a Pair."""
 
-    def move_again(self, points, scan, level, draw, streams):
-        """The points that ICP sees, where these are not those that `replace` sees."""
+    def move_again(
+        self, points: np.ndarray, scan: str, level: float, draw: int, streams: Streams
+    ) -> np.ndarray:
+        """The points (n, 3) [m] that ICP sees, where these are not those that `replace` sees."""
         return points
 
-    def noise_variance(self, points, scan, level):
+    def noise_variance(self, points: np.ndarray, scan: str, level: float) -> np.ndarray:
         """Variance [m^2] (n,) of the white noise that it adds to each coordinate of points (n, 3).
 
         For estimators that are told the noise. points [m] of a scan, as they are measured.
         """
         return np.zeros(len(points))
 
-    def replace(self, pair, reference, source, level, streams):
+    def replace(
+        self,
+        pair: RawPair,
+        reference: np.ndarray,
+        source: np.ndarray,
+        level: float,
+        streams: Streams,
+    ) -> np.ndarray:
         """The source (k, 3) [m] for the moved one (m, 3); its rows need not be the raw ones."""
         return source

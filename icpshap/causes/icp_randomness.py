@@ -1,10 +1,17 @@
 """ICP that sees fewer points at random (paper, "Intrinsic ICP randomness")."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from icpshap.causes.cause import Cause
 from icpshap.options import Range
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from icpshap.causes._given import Streams
 
 
 @dataclass(frozen=True)
@@ -32,6 +39,8 @@ class IcpRandomness(Cause):
     counts_points: ClassVar = True
     told: ClassVar = True
 
-    def thin(self, rows, run, level, count, streams):
+    def thin(
+        self, rows: np.ndarray, run: int, level: float, count: int, streams: Streams
+    ) -> np.ndarray:
         luck = streams.generator(f"icp_randomness/{run}").random(count)
         return rows[luck[rows] <= 1 / level]

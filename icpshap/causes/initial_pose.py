@@ -32,6 +32,6 @@ class InitialPose(Cause):
         choices=("covariance", "standard_deviation"),
     )
 
-    def start(self, deviation, level):
+    def start(self, deviation: np.ndarray, level: float) -> np.ndarray:
         factor = np.sqrt(level) if self.initial_pose_scaling == "covariance" else level
         return factor * deviation

@@ -1,13 +1,19 @@
 """A scanner that moves while it measures a scan as if it stood still."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
 from icpshap.causes.cause import Cause
 from icpshap.errors import PerturbationError
 from icpshap.options import Range, option
+
+if TYPE_CHECKING:
+    from icpshap.causes._given import RawPair, Streams
+
 
 ROTATION = 0.2  # rad for each metre: w has 0.2 d where v has d
 
@@ -45,7 +51,7 @@ class MotionDistortion(Cause):
     )
     times: np.ndarray | None = field(default=None, repr=False, compare=False)
 
-    def check(self, pair, level):
+    def check(self, pair: RawPair, level: float) -> None:
         times = self.of_pair(pair)._times(pair.source)
         if times.min() == times.max():
             raise PerturbationError(
@@ -55,11 +61,13 @@ class MotionDistortion(Cause):
                 "Hint: another `scan_order` of the estimator, or `time` of the sequence."
             )
 
-    def of_pair(self, pair):
+    def of_pair(self, pair: RawPair) -> Self:
         """With the times (m,) of the source scan, where it has any."""
         return replace(self, times=pair.source_times)
 
-    def move(self, points, scan, level, draw, streams):
+    def move(
+        self, points: np.ndarray, scan: str, level: float, draw: int, streams: Streams
+    ) -> np.ndarray:
         twist = streams.generator(f"twist/{draw}").standard_normal(6) / np.sqrt(3)
         w, v = ROTATION * level * twist[:3], level * twist[3:]
         return points + self._phase(points)[:, None] * (np.cross(w, points) + v)

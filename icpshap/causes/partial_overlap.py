@@ -1,8 +1,10 @@
 """Too little overlap between the scans (paper, "Partial Overlap")."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -11,6 +13,10 @@ from icpshap.causes.cause import Cause
 from icpshap.errors import PerturbationError
 from icpshap.geometry import nearest_distances
 from icpshap.options import Range, option
+
+if TYPE_CHECKING:
+    from icpshap.causes._given import RawPair, Streams
+
 
 CLOSE_ENOUGH = 1e-3  # of the overlap ratio, within which the released code changes nothing
 JITTER = 0.001  # m, of the reference points that the released code copies
@@ -53,17 +59,17 @@ class PartialOverlap(Cause):
     )
 
     @property
-    def drawn(self):
+    def drawn(self) -> tuple[str, str] | tuple[()]:
         if self.overlap_shape == "sector":
             return ("azimuth", "of the removed sector")
         return super().drawn
 
     @property
-    def drawn_once(self):
+    def drawn_once(self) -> bool:
         return self.overlap_shape == "scattered"
 
     @property
-    def conflict(self):
+    def conflict(self) -> str:
         if self.overlap_shape == "sector" and self.overlap_removal == "noisy":
             return (
                 "overlap_shape: sector removes rows of the raw source, which overlap_removal: "
@@ -72,18 +78,20 @@ class PartialOverlap(Cause):
         return ""
 
     @property
-    def replaces(self):
+    def replaces(self) -> bool:
         """The released code brings the noisy overlap to a rounded ratio even at lambda 0."""
         return self.overlap_removal == "noisy"
 
-    def check(self, pair, level):
+    def check(self, pair: RawPair, level: float) -> None:
         if level > pair.overlap:
             raise PerturbationError(
                 f"partial_overlap {level} is larger than their overlap ratio {pair.overlap:.4f}.\n"
                 "Hint: choose smaller levels of partial_overlap, or other pairs."
             )
 
-    def keep(self, pair, scan, level, draw, streams):
+    def keep(
+        self, pair: RawPair, scan: str, level: float, draw: int, streams: Streams
+    ) -> np.ndarray:
         kept = np.ones(len(pair.source), dtype=bool)
         if self.overlap_removal == "raw":
             order = self._raw_order(pair, draw, streams)
@@ -98,7 +106,14 @@ class PartialOverlap(Cause):
             kept[order[:count]] = False
         return kept
 
-    def replace(self, pair, reference, source, level, streams):
+    def replace(
+        self,
+        pair: RawPair,
+        reference: np.ndarray,
+        source: np.ndarray,
+        level: float,
+        streams: Streams,
+    ) -> np.ndarray:
         """The released code's rule: the noisy overlap is brought to a fixed ratio.
 
         The target is round(O - level, 2) with O of the clean scans; within 1e-3 of the clean or

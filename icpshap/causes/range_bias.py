@@ -1,12 +1,17 @@
 """Ranges that are all wrong by the same amount (paper, "Sensor noise": sensor bias noise)."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from icpshap.causes.cause import Cause
 from icpshap.options import Range
+
+if TYPE_CHECKING:
+    from icpshap.causes._given import Streams
 
 
 @dataclass(frozen=True)
@@ -28,7 +33,9 @@ class RangeBias(Cause):
     order: ClassVar = 60
     fewest_noise_draws: ClassVar = 25
 
-    def move(self, points, scan, level, draw, streams):
+    def move(
+        self, points: np.ndarray, scan: str, level: float, draw: int, streams: Streams
+    ) -> np.ndarray:
         ranges = np.linalg.norm(points, axis=1, keepdims=True)
         rays = points / np.where(ranges > 0, ranges, 1.0)
         return points + level * streams.generator(f"bias/{scan}/{draw}").standard_normal() * rays

@@ -1,13 +1,18 @@
 """White noise of the range sensor on every coordinate (paper, "Sensor Noise")."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
 from icpshap.causes._sensors import SENSORS
 from icpshap.causes.cause import Cause
 from icpshap.options import Range, option
+
+if TYPE_CHECKING:
+    from icpshap.causes._given import Streams
 
 
 @dataclass(frozen=True)
@@ -49,18 +54,29 @@ class SensorNoise(Cause):
     own: float = 0.0
 
     @property
-    def acts_when_off(self):
+    def acts_when_off(self) -> bool:
         return self.own > 0
 
-    def __post_init__(self):
+    @property
+    def adds_evenly(self) -> bool:
+        return self.sensor == "none" and self.reference_noise_additions == 1
+
+    def __post_init__(self) -> None:
         if self.sensor != "none":  # the level is a factor
             object.__setattr__(self, "unit", "")
             object.__setattr__(self, "symbol", "σ/σ₀")
 
-    def move(self, points, scan, level, draw, streams):
+    def with_own_noise(self, sigma: float) -> Self:
+        return replace(self, own=sigma)
+
+    def move(
+        self, points: np.ndarray, scan: str, level: float, draw: int, streams: Streams
+    ) -> np.ndarray:
         return self._noisy(points, level, f"noise/{scan}/{draw}", streams)
 
-    def move_again(self, points, scan, level, draw, streams):
+    def move_again(
+        self, points: np.ndarray, scan: str, level: float, draw: int, streams: Streams
+    ) -> np.ndarray:
         if scan == "reference" and self.reference_noise_additions == 2 and level:
             # The sensor's own noise is there once.
             return replace(self, own=0.0)._noisy(
@@ -68,7 +84,7 @@ class SensorNoise(Cause):
             )
         return points
 
-    def noise_variance(self, points, scan, level):
+    def noise_variance(self, points: np.ndarray, scan: str, level: float) -> np.ndarray:
         additions = self.reference_noise_additions if scan == "reference" else 1
         variance = additions * np.square(replace(self, own=0.0)._sigma(points, level))
         variance = variance + self.own**2

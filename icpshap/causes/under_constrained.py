@@ -1,8 +1,10 @@
 """Few surfaces that hold one direction of the pose (paper, "Under-constrained situations")."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -16,6 +18,10 @@ from icpshap.geometry import (
     root_mean_square_distance,
 )
 from icpshap.options import Range
+
+if TYPE_CHECKING:
+    from icpshap.causes._given import RawPair, Streams
+
 
 NEIGHBOURS = 10  # of a normal, the point itself included
 
@@ -49,11 +55,11 @@ class UnderConstrained(Cause):
     shown_by: ClassVar = "weakest_information"
 
     @property
-    def drawn(self):
+    def drawn(self) -> tuple[()]:
         """Nothing is: it is the same in every run."""
         return ()
 
-    def check(self, pair, level):
+    def check(self, pair: RawPair, level: float) -> None:
         if not pair.overlap_in_range.any():
             raise PerturbationError(
                 "under_constrained: no overlapping source point is farther from the scanner than "
@@ -61,7 +67,9 @@ class UnderConstrained(Cause):
                 "Hint: a smaller minimum_range, or leave out under_constrained."
             )
 
-    def keep(self, pair, scan, level, draw, streams):
+    def keep(
+        self, pair: RawPair, scan: str, level: float, draw: int, streams: Streams
+    ) -> np.ndarray:
         kept = np.ones(len(getattr(pair, scan)), dtype=bool)
         order, gone = _removal(pair)[scan]
         kept[order[: np.searchsorted(gone, level * gone[-1])]] = False

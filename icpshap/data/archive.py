@@ -4,6 +4,8 @@ The directory of a ZIP stands at its end, so single members are read out of a re
 Range requests. Members are found by the tails of their names, which are never used as paths.
 """
 
+from __future__ import annotations
+
 import contextlib
 import fcntl
 import hashlib
@@ -13,8 +15,9 @@ import stat
 import struct
 import zipfile
 import zlib
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TextIO
 
 from icpshap.data.citation import DOI
 from icpshap.data.files import readable
@@ -29,6 +32,10 @@ from icpshap.data.remote_file import (
     say,
 )
 from icpshap.errors import DataError
+
+if TYPE_CHECKING:
+    from icpshap.data.remote_file import SeekableView
+
 
 BY_HAND = (
     f"download the archive from {DOI} in a browser and give this sequence\n"
@@ -51,7 +58,9 @@ POSES_TAIL = re.compile(rf"(?:^|/)(?:([^/]+)/)?{re.escape(LEICA_NAME)}\Z")
 
 
 @contextlib.contextmanager
-def open_sequence(archive, cache, scans, terminal=None):
+def open_sequence(
+    archive: Mapping[str, Any], cache: Path, scans: int, terminal: TextIO | None = None
+) -> Iterator[Archive]:
     """Open the archive of a sequence as the configuration describes it: an `Archive`.
 
     ``archive``: mapping with ``url`` or ``path`` and, where known, ``bytes``, ``md5``, ``sha256``;
@@ -68,7 +77,13 @@ def open_sequence(archive, cache, scans, terminal=None):
         yield members
 
 
-def open_archive(source, cache, expected_bytes=None, checksums=None, terminal=None):
+def open_archive(
+    source: str,
+    cache: Path,
+    expected_bytes: int | None = None,
+    checksums: Mapping[str, str] | None = None,
+    terminal: TextIO | None = None,
+) -> Archive:
     """Open an archive of the data set: an `Archive`, for a ``with`` statement.
 
     ``source`` is an https URL (http on this machine alone) or the path of a ZIP on disk. The folder
@@ -139,7 +154,7 @@ def _open_file(path, expected_bytes):
     return file
 
 
-def verify_checksums(path, checksums):
+def verify_checksums(path: Path, checksums: Mapping[str, str]) -> None:
     """Raise DataError unless the file has the ``checksums`` {"md5": hex, "sha256": hex}."""
     for name, expected in checksums.items():
         with path.open("rb") as file:
@@ -172,10 +187,11 @@ class _Member(NamedTuple):
 class Archive:
     """The scans and poses in one archive of the data set; `open_archive` makes it."""
 
-    def __init__(self, file, source, cache):
+    def __init__(self, file: SeekableView, source: str | Path, cache: Path) -> None:
         self._source, self._cache = source, cache
         self._remote = file if isinstance(file, RemoteFile) else None
-        self._scans, self._poses = {}, {}
+        self._scans: dict[int, _Member] = {}
+        self._poses: dict[str, _Member] = {}
         self._inside = self._unpacked = 0  # archives looked into, and bytes of those unpacked
         with contextlib.ExitStack() as files:
             self._files = files
@@ -183,16 +199,16 @@ class Archive:
             self._require_members()
             self._files = files.pop_all()
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *exception):
+    def __exit__(self, *exception: object) -> None:
         if self._remote:
             received, count = self._remote.received, self._remote.requests
             say(f"{self._source}: {amount(received)} received in {count} requests")
         self._files.close()
 
-    def check_scans(self, scans):
+    def check_scans(self, scans: int) -> None:
         """Raise DataError unless the scans are 0 to ``scans`` - 1."""
         missing = sorted(set(range(scans)) - set(self._scans))
         found = len(self._scans)
@@ -215,7 +231,7 @@ class Archive:
                 hint,
             )
 
-    def extract_scan(self, index, destination):
+    def extract_scan(self, index: int, destination: str | Path) -> None:
         """Write ``Hokuyo_<index>.csv`` to the path ``destination``. Raises DataError."""
         if index not in self._scans:
             raise DataError(
@@ -224,7 +240,7 @@ class Archive:
             )
         self._extract(self._scans[index], destination, f"scan {index}", MAXIMUM_MEMBER)
 
-    def extract_poses(self, destination):
+    def extract_poses(self, destination: str | Path) -> None:
         """Write ``pose_scanner_leica.csv`` to the path ``destination``. Raises DataError."""
         places = [place for place in LEICA_PLACES if place in self._poses] or list(self._poses)
         self._extract(self._poses[places[0]], destination, "poses", MAXIMUM_MEMBER)
@@ -244,7 +260,9 @@ class Archive:
         members = sorted(container.infolist(), key=lambda info: info.header_offset)
         ends = [*(info.header_offset for info in members), container.start_dir][1:]
         remote = outermost if isinstance(outermost, RemoteFile) else None
-        scans, poses, nested = {}, {}, []
+        scans: dict[int, _Member] = {}
+        poses: dict[str, _Member] = {}
+        nested = []
         for info, end in zip(members, ends, strict=True):
             member = _Member(container, info, remote, offset + info.header_offset, offset + end)
             # Some programs write the separators of Windows.

@@ -2,7 +2,9 @@
 
 import logging
 import re
+from collections.abc import Sequence
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -15,7 +17,9 @@ TOLERANCE = 1e-3  # s between a scan and its pose
 UNITS = (1, 1e-3, 1e-6, 1e-9)  # s, of whole numbers that are times
 
 
-def lines_of_scans(path, poses, stamps, names):
+def lines_of_scans(
+    path: str | Path, poses: int, stamps: np.ndarray | None, names: Sequence[str]
+) -> np.ndarray:
     """Places (n,) of the poses of the scans of these names, in a file of more of them.
 
     poses: how many the file has; stamps: their times (poses,) [s], or None; names: of files, with

@@ -1,12 +1,14 @@
 """Files that are the user's: what the system refuses is an error that names the file."""
 
+from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from icpshap.errors import DataError
 
 
 @contextmanager
-def readable(path):
+def readable(path: Path) -> Iterator[None]:
     """While this lasts, what goes wrong in reading the file at the `Path` is a DataError.
 
     What is no regular file is refused before it is opened: a pipe would be waited for.

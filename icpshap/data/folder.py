@@ -1,7 +1,9 @@
 """The scans and the pose file of a folder, found by their names without reading them."""
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from icpshap.data.files import readable
 from icpshap.data.formats import suffix_of
@@ -15,7 +17,7 @@ DEPTH = 2  # levels of folders below the one that is named
 NOTES = ("", ".txt", ".tum", ".md")  # endings of files that may lie beside scans
 
 
-def find_files(folder, scans):
+def find_files(folder: Mapping[str, Any], scans: int) -> tuple[list[Path], Path | None]:
     """`find_folder_files` of a folder as the configuration has it, by its keys."""
     named = {key: folder.get(key) for key in ("files", "guess")}
     if not isinstance(named["guess"], str):
@@ -23,7 +25,13 @@ def find_files(folder, scans):
     return find_folder_files(folder["path"], scans, folder.get("poses"), **named)
 
 
-def find_folder_files(folder, scans, pose_file=None, files=None, guess=None):
+def find_folder_files(
+    folder: str | Path,
+    scans: int,
+    pose_file: str | None = None,
+    files: Sequence[str] | None = None,
+    guess: str | None = None,
+) -> tuple[list[Path], Path | None]:
     """The scan files of a folder in order, and its pose file: ([Path] * scans, Path).
 
     The folder is laid out either like the data set (``csv_local/Hokuyo_<i>.csv`` and
@@ -234,7 +242,8 @@ def _all_or_one(folder, below, suffixes):
 
 def _below(folder, not_scans):
     """What lies in the folders below one, DEPTH levels down, by folder."""
-    found, level = {}, [folder]
+    found: dict[Path, list[Path]] = {}
+    level = [folder]
     for _ in range(DEPTH):
         level = [path for place in level for path in _files(place) if path.is_dir()]
         found |= {place: _files(place) for place in level}

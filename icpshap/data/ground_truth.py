@@ -1,5 +1,7 @@
 """Whether the true motion between two scans, as their poses have it, can be right."""
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +27,9 @@ class Fit(NamedTuple):
     better_distance: float
 
 
-def measured(reference, source, T_reference_source, minimum_range):
+def measured(
+    reference: np.ndarray, source: np.ndarray, T_reference_source: np.ndarray, minimum_range: float
+) -> Fit:
     """The `Fit` of two clouds (n, 3), each in its own scanner frame.
 
     Points within ``minimum_range`` [m] (the robot itself, which moves along) are left out.
@@ -49,8 +53,10 @@ def measured(reference, source, T_reference_source, minimum_range):
     return Fit(distance, "", np.nan)
 
 
-def ground_truth_distance(reference, source, T_reference_source, minimum_range):
-    """Median distance [m] from source points to their nearest reference point, and `warning`.
+def ground_truth_distance(
+    reference: np.ndarray, source: np.ndarray, T_reference_source: np.ndarray, minimum_range: float
+) -> tuple[float, str]:
+    """Median distance [m] from source points (m, 3) to the reference (n, 3), and `warning`.
 
     Arguments as of `measured`.
     """
@@ -58,7 +64,7 @@ def ground_truth_distance(reference, source, T_reference_source, minimum_range):
     return fit.distance, warning(fit)
 
 
-def warning(fit):
+def warning(fit: Fit) -> str:
     """What is wrong with the true pose by a `Fit`; "" if all is well.
 
     The median distance is above 0.2 m (less than half of the source overlaps), or the clouds fit

@@ -1,11 +1,12 @@
 """Import Open3D also where libusb-1.0.so.0 is missing (bare Debian): its library is preloaded."""
 
 import ctypes
+from types import ModuleType
 
 import libusb_package
 
 
-def load_open3d():
+def load_open3d() -> ModuleType:
     """The `open3d` module. Takes about a second, so call it only where Open3D is needed."""
     ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
     import open3d

@@ -2,6 +2,7 @@
 
 import re
 from itertools import pairwise
+from pathlib import Path
 from string import ascii_lowercase
 
 from icpshap.data.formats import stem_of
@@ -14,7 +15,7 @@ ROLES = (
 )
 
 
-def in_order(folder, paths):
+def in_order(folder: Path, paths: list[Path]) -> list[Path]:
     """The files below a folder by the numbers in their names, among which no two may be equal.
 
     Names without numbers are in order if all that they differ in is a letter, from a on, or if they
@@ -33,9 +34,9 @@ def in_order(folder, paths):
     stems = [stem_of(names[path]) for path in paths]
     if not any(map(_numbers, stems)):
         return [paths[place] for place in _order_without_numbers(folder, stems, names, paths)]
-    for one, other in pairwise(range(len(paths))):
-        if not _is_certain(stems[one], stems[other]):
-            raise _uncertain(folder, names[paths[one]], names[paths[other]], names, paths)
+    for (stem, path), (next_stem, next_path) in pairwise(zip(stems, paths, strict=True)):
+        if not _is_certain(stem, next_stem):
+            raise _uncertain(folder, names[path], names[next_path], names, paths)
     return paths
 
 

@@ -1,8 +1,13 @@
 """A pair of scans: read from its tables, measured, and checked before anything is registered."""
 
+from __future__ import annotations
+
 import logging
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +16,10 @@ from icpshap.data import ground_truth
 from icpshap.data.scans import check_scan
 from icpshap.errors import DataError, PerturbationError
 from icpshap.geometry import nearest_distances, root_mean_square_distance
+
+if TYPE_CHECKING:
+    from icpshap.causes.cause import Cause
+
 
 log = logging.getLogger(__name__)
 
@@ -35,8 +44,15 @@ class Pair:
     minimum_range: float = 0.0
 
     @classmethod
-    def measured(cls, reference, source, T_reference_source, overlap_distance, source_times=None):
-        """The pair of two scans, whose overlap is measured."""
+    def measured(
+        cls,
+        reference: np.ndarray,
+        source: np.ndarray,
+        T_reference_source: np.ndarray,
+        overlap_distance: float,
+        source_times: np.ndarray | None = None,
+    ) -> Pair:
+        """The pair of two scans (n, 3), (m, 3) [m], whose overlap is measured at T (4, 4)."""
         distances = nearest_distances(reference, source, T_reference_source)
         return cls(
             reference,
@@ -47,31 +63,31 @@ class Pair:
             source_times,
         )
 
-    def for_chain(self, minimum_range):
+    def for_chain(self, minimum_range: float) -> Pair:
         """The pair for a chain with this minimum range [m]."""
         if self.minimum_range == minimum_range:
             return self
         return replace(self, minimum_range=minimum_range)
 
     @property
-    def overlap(self):
+    def overlap(self) -> float:
         """Overlap ratio O = N / |P1| (section "Partial Overlap")."""
         return self.overlapping.sum() / len(self.reference)
 
     @property
-    def overlap_in_range(self):
+    def overlap_in_range(self) -> np.ndarray:
         """Mask (m,) of the overlapping source points beyond the chain's minimum range."""
         return self.overlapping & (np.linalg.norm(self.source, axis=1) > self.minimum_range)
 
     @cached_property
-    def at_truth(self):
+    def at_truth(self) -> ground_truth.Fit:
         """How near the scans beyond the chain's minimum range lie at the true pose."""
         return ground_truth.measured(
             self.reference, self.source, self.T_reference_source, self.minimum_range
         )
 
     @property
-    def characteristic_length(self):
+    def characteristic_length(self) -> float:
         """L [m], at which a rotation counts as what it moves; NaN without overlap.
 
         Root mean square distance of the points of `overlap_in_range` from their centroid.
@@ -85,7 +101,9 @@ class Pairs:
     Each file of scans or overlaps holds several; they may be given in any order.
     """
 
-    def __init__(self, scans, poses, overlaps=()):
+    def __init__(
+        self, scans: Iterable[str | Path], poses: str | Path, overlaps: Collection[str | Path] = ()
+    ) -> None:
         self._scans = storage.parts_of(scans)
         self._overlaps = storage.parts_of(overlaps)
         self._distances = {path: tables.read_about(path)["plan"]["distance"] for path in overlaps}
@@ -93,13 +111,13 @@ class Pairs:
         # Scans follow one another in the pairs of a sequence.
         self._read = lru_cache(maxsize=2)(self._load)
 
-    def measured(self, indices, distance):
+    def measured(self, indices: tuple[int, int], distance: float) -> Pair:
         """The `Pair` of reference and source scan, whose overlap within `distance` is measured."""
         (reference, _), (source, times) = map(self._read, indices)
         T = relative_pose(self._T_global_scan, *indices)
         return Pair.measured(reference, source, T, distance, times)
 
-    def read(self, indices):
+    def read(self, indices: tuple[int, int]) -> Pair:
         """The same with the overlap that was measured. Raises DataError if it is of other scans."""
         (reference, _), (source, times) = map(self._read, indices)
         path, _ = self._overlaps[tables.pair_part(indices)]
@@ -113,7 +131,7 @@ class Pairs:
         T = relative_pose(self._T_global_scan, *indices)
         return Pair(reference, source, T, overlapping, self._distances[path], times)
 
-    def data(self, pairs):
+    def data(self, pairs: Iterable[tuple[int, int]]) -> dict[str, str]:
         """Digest of each scan of `pairs` by its name."""
         names = [tables.scan_part(index) for index in sorted({k for pair in pairs for k in pair})]
         return {name: self._scans[name][1]["digest"] for name in names}
@@ -123,12 +141,21 @@ class Pairs:
         return tables.read_scan(path, index)
 
 
-def relative_pose(T_global_scan, reference, source):
+def relative_pose(T_global_scan: np.ndarray, reference: int, source: int) -> np.ndarray:
     """T_reference_source (4, 4) of two scans out of all poses (n, 4, 4)."""
     return se3.inverse(T_global_scan[reference]) @ T_global_scan[source]
 
 
-def describe_pair(pair, sequence, indices, *, levels, minimum_overlap, minimum_range, truth=""):
+def describe_pair(
+    pair: Pair,
+    sequence: str,
+    indices: tuple[int, int],
+    *,
+    levels: Iterable[tuple[Cause, float]],
+    minimum_overlap: float,
+    minimum_range: float,
+    truth: str = "",
+) -> dict[str, Any]:
     """A row of the pairs table, by column.
 
     levels: cause and its largest level, for each that will be on; minimum_overlap: a pair whose

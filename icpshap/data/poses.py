@@ -4,7 +4,10 @@
 Nothing is corrected silently: whatever does not fit is a `DataError`.
 """
 
+from __future__ import annotations
+
 import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -34,14 +37,20 @@ class Rows(NamedTuple):
     stamps: np.ndarray | None  # (n,) times of the poses, where the format has them
     is_tum: bool
 
-    def at(self, places):
-        """Those at some places."""
+    def at(self, places: np.ndarray) -> Rows:
+        """Those at some places (k,)."""
         stamps = None if self.stamps is None else self.stamps[places]
         lines = [self.lines[place] for place in places]
         return Rows(lines, self.values[places], stamps, self.is_tum)
 
 
-def read_poses(path, scans, names=None, quaternion=None, scan=None):
+def read_poses(
+    path: str | Path,
+    scans: int,
+    names: Sequence[str] | None = None,
+    quaternion: str | None = None,
+    scan: Callable[[int], np.ndarray] | None = None,
+) -> np.ndarray:
     """Poses T_global_local (scans, 4, 4) of a data-set, KITTI or TUM file.
 
     Data set: ``pose_scanner_leica.csv``. KITTI: rows of 12 or 16 numbers, row-major. TUM: rows of
@@ -76,7 +85,7 @@ def read_poses(path, scans, names=None, quaternion=None, scan=None):
     return poses
 
 
-def read_transforms(path):
+def read_transforms(path: str | Path) -> np.ndarray:
     """Transforms (n, 4, 4) T_reference_source of pairs, one or more: matrices, or KITTI rows.
 
     Raises DataError.
@@ -99,8 +108,12 @@ def read_transforms(path):
     return transforms
 
 
-def transform_of(values, where):
-    """The transform (4, 4) of 12 or 16 numbers, row-major. Raises DataError if it is none."""
+def transform_of(values: Sequence[float] | np.ndarray, where: str) -> np.ndarray:
+    """The transform (4, 4) of 12 or 16 numbers, row-major. Raises DataError if it is none.
+
+    >>> transform_of([1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0], "T")[:3, 3].tolist()
+    [0.5, 0.0, 0.0]
+    """
     transform = _of_rows(np.array([values], dtype=float))[0]
     check_pose(where, transform)
     return transform
@@ -280,7 +293,7 @@ def _shown(text):
     return repr(text if len(text) <= 40 else text[:37] + "...")
 
 
-def check_pose(where, pose):
+def check_pose(where: str, pose: np.ndarray) -> None:
     """Raise DataError if a matrix (4, 4) of finite numbers is no pose; where: what it is called."""
     if found := rigid.fault(pose):
         raise DataError(f"{where}: {found.problem}", found.hint)

@@ -1,6 +1,8 @@
 """In which order a file has the numbers of its quaternions: said, seen in the scans, or assumed."""
 
 import logging
+from collections.abc import Callable, Iterable
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,7 +24,7 @@ MOST_PAIRS = 10  # of scans, by which orders are compared
 ENOUGH_PAIRS = 3  # of these that tell
 
 
-def matrices(translations, quaternions, order):
+def matrices(translations: np.ndarray, quaternions: np.ndarray, order: str) -> np.ndarray:
     """Poses (n, 4, 4) of translations (n, 3) [m] and quaternions (n, 4) in an order of ORDERS."""
     poses = np.tile(np.eye(4), (len(quaternions), 1, 1))
     scalar_first = order == SCALAR_FIRST
@@ -31,7 +33,15 @@ def matrices(translations, quaternions, order):
     return poses
 
 
-def order_of(path, line, comments, translations, quaternions, said=None, scan=None):
+def order_of(
+    path: str | Path,
+    line: int,
+    comments: Iterable[tuple[int, str]],
+    translations: np.ndarray,
+    quaternions: np.ndarray,
+    said: str | None = None,
+    scan: Callable[[int], np.ndarray] | None = None,
+) -> str:
     """The order of a TUM file's quaternions (n, 4), one of ORDERS.
 
     line: of the first pose; comments: number and words of each; translations (n, 3) [m]; said: what

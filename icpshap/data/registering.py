@@ -4,7 +4,10 @@ What is thinned, matched and cut off follows from the size of the scene, so that
 street take the same settings. The answer is checked as far as two scans allow.
 """
 
+from __future__ import annotations
+
 import logging
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,7 +49,13 @@ class Registered:
     overlap: float  # share of the source's points that lie near the reference
 
 
-def register_scans(reference, source, T_initial, where, start_option="`guess` of the folder"):
+def register_scans(
+    reference: np.ndarray,
+    source: np.ndarray,
+    T_initial: np.ndarray,
+    where: str,
+    start_option: str = "`guess` of the folder",
+) -> Registered:
     """`Registered` of two raw scans (n, 3), (m, 3) [m], each in its scanner's frame.
 
     T_initial: (4, 4), T_reference_source at the start; where: what errors call the pair;
@@ -137,7 +146,7 @@ def _thinned(points, voxel):
     return points[np.sort(first)]
 
 
-def chained(T_between):
+def chained(T_between: Iterable[np.ndarray]) -> np.ndarray:
     """Poses T_global_scan (n + 1, 4, 4) of n transforms between consecutive scans.
 
     The first scan's frame is the global one.
@@ -148,7 +157,7 @@ def chained(T_between):
     return np.stack(poses)
 
 
-def guesses(transforms, scans, where):
+def guesses(transforms: np.ndarray, scans: int, where: str) -> np.ndarray:
     """Where ICP starts for each two consecutive scans, (scans - 1, 4, 4).
 
     transforms: (1, 4, 4) for all, or one of each. Raises DataError for another number.

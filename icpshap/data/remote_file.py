@@ -1,5 +1,7 @@
 """A file on a web server as a seekable file, read by short, checked and repeated Range requests."""
 
+from __future__ import annotations
+
 import contextlib
 import email.utils
 import io
@@ -11,7 +13,10 @@ import sys
 import time
 import zlib
 from collections import Counter
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
+from pathlib import Path
+from typing import BinaryIO, TextIO
 from urllib.parse import urljoin, urlsplit
 
 import requests
@@ -67,25 +72,34 @@ class SeekableView(io.RawIOBase):
     ``name`` is what messages call it.
     """
 
+    name: str | Path
     _position = 0
 
-    def readable(self):
+    @property
+    def size(self) -> int:
+        """Number of bytes."""
+        raise NotImplementedError
+
+    def _read_at(self, start, size):
+        raise NotImplementedError
+
+    def readable(self) -> bool:
         return True
 
-    def seekable(self):
+    def seekable(self) -> bool:
         return True
 
-    def tell(self):
+    def tell(self) -> int:
         return self._position
 
-    def seek(self, offset, whence=io.SEEK_SET):
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
         origin = {io.SEEK_SET: 0, io.SEEK_CUR: self._position, io.SEEK_END: self.size}[whence]
         if origin + offset < 0:
             raise OSError("seek before the start")
         self._position = origin + offset
         return self._position
 
-    def read(self, size=-1):
+    def read(self, size: int = -1) -> bytes:
         left = max(0, self.size - self._position)
         size = left if size < 0 else min(size, left)
         if size > MAXIMUM_READ:
@@ -102,8 +116,14 @@ class SeekableView(io.RawIOBase):
 class Window(SeekableView):
     """The ``size`` bytes of ``file`` from ``start`` on, as a file of its own."""
 
-    def __init__(self, file, start, size, name):
-        self._file, self._start, self.size, self.name = file, start, size, name
+    def __init__(
+        self, file: BinaryIO | SeekableView, start: int, size: int, name: str | Path
+    ) -> None:
+        self._file, self._start, self._size, self.name = file, start, size, name
+
+    @property
+    def size(self) -> int:
+        return self._size
 
     def _read_at(self, start, size):
         self._file.seek(self._start + start)
@@ -113,11 +133,11 @@ class Window(SeekableView):
 class LocalFile(Window):
     """A file on disk, which is closed with it."""
 
-    def __init__(self, path):
+    def __init__(self, path: Path) -> None:
         file = path.open("rb")
         super().__init__(file, 0, os.fstat(file.fileno()).st_size, path)
 
-    def close(self):
+    def close(self) -> None:
         self._file.close()
         super().close()
 
@@ -130,49 +150,56 @@ class RemoteFile(SeekableView):
     DownloadError, `connect` also RangeIgnoredError.
     """
 
-    def __init__(self, url, alternatives, expected_bytes=None, terminal=None):
+    def __init__(
+        self,
+        url: str,
+        alternatives: str,
+        expected_bytes: int | None = None,
+        terminal: TextIO | None = None,
+    ) -> None:
         self.url = self.name = url
         self.received = 0
         self.requests = 0
         self._alternatives = alternatives
         self._expected_bytes = expected_bytes
         self._terminal = terminal
-        self._progress = None
-        self._identity = None  # (bytes, version) of the first answer
+        self._progress: Progress | None = None
+        self._identity: tuple[int, str] | None = None  # (bytes, version) of the first answer
         self._block_start, self._block = 0, b""
-        self._span = None
+        self._span: tuple[int, int, Path] | None = None
         self._session = requests.Session()
         self._session.headers.update({"User-Agent": USER_AGENT, "Accept-Encoding": "identity"})
 
-    def connect(self):
+    def connect(self) -> None:
         """Ask for one byte: learn size and version, and whether the server serves ranges."""
         self._fetch(0, 1)
 
     @property
-    def size(self):
+    def size(self) -> int:
+        assert self._identity is not None, "connect first"
         return self._identity[0]
 
     @property
-    def key(self):
+    def key(self) -> str:
         """Names this version of the file: pieces of another one are of no use."""
         return f"{zlib.crc32(repr((self.url, self._identity)).encode()):08x}"
 
-    def close(self):
+    def close(self) -> None:
         self._session.close()
         super().close()
 
     @contextlib.contextmanager
-    def span(self, start, end, spool, what):
+    def span(self, start: int, end: int, spool: Path, what: str) -> Iterator[None]:
         """While this lasts, read [start, end) once, from its start to its end, in large blocks.
 
         They are kept in the file ``spool``: what an interrupted run left there is not asked for
         again. An exception that is no transfer's removes it, like success.
         """
         self._span = (start, end, spool)
-        self._progress = Progress(what, end - start, self._terminal)
+        self._progress = progress = Progress(what, end - start, self._terminal)
         try:
             yield
-            self._progress.finish()
+            progress.finish()
         except (DownloadError, OSError):
             raise
         except Exception:
@@ -184,7 +211,7 @@ class RemoteFile(SeekableView):
             self._span = self._progress = None
             self._block = b""
 
-    def download(self, path, verify):
+    def download(self, path: Path, verify: Callable[[Path], None]) -> None:
         """Write the whole file to ``path``, for servers that ignore Range: one long request.
 
         ``verify(temporary path)`` may raise before the file gets its name.
@@ -211,7 +238,8 @@ class RemoteFile(SeekableView):
                 raise _Fault(f"{part.stat().st_size} bytes of {self.size} arrived")
 
         self._repeat(attempt, "the whole file")
-        self._progress.finish()
+        if self._progress is not None:
+            self._progress.finish()
         verify(part)
         part.replace(path)
 
@@ -230,19 +258,19 @@ class RemoteFile(SeekableView):
     def _load(self, position):
         """Make the current block one that holds ``position``."""
         if self._span and self._span[0] <= position < self._span[1]:
-            self._block_start, self._block = position, self._read_span(position)
+            self._block_start, self._block = position, self._read_span(position, *self._span)
         else:
             # Aligned, so that the end of a ZIP directory brings along what precedes it.
             start = position - position % SMALL_BLOCK
             self._block = self._fetch(start, min(start + SMALL_BLOCK, self.size))
             self._block_start = start
 
-    def _read_span(self, position):
-        start, end, spool = self._span
+    def _read_span(self, position, start, end, spool):
         with spool.open("a+b") as file:
             file.seek(position - start)
             if block := file.read(BLOCK):
-                self._progress.resume(len(block))
+                if self._progress:
+                    self._progress.resume(len(block))
             else:
                 block = self._fetch(position, min(position + BLOCK, end))
                 file.write(block)
@@ -338,7 +366,8 @@ class RemoteFile(SeekableView):
 
     def _repeat(self, attempt, what, progress=lambda: 0):
         """Call ``attempt`` until it succeeds, waiting longer the less is achieved."""
-        faults, reached = Counter(), 0
+        faults: Counter[type[_Fault]] = Counter()
+        reached = 0
         while True:
             try:
                 return attempt()
@@ -408,7 +437,7 @@ def _root_cause(error):
     return re.sub(r"^.*object at 0x\w+>: |^\w+\(.*?\): ", "", cause)
 
 
-def require_space(folder, size):
+def require_space(folder: Path, size: int) -> None:
     """Raise DataError unless the disk of a folder has room for ``size`` bytes."""
     free = shutil.disk_usage(folder).free
     if free < size:
@@ -423,13 +452,13 @@ def require_space(folder, size):
 CLEAR_LINE = "\r\033[K"
 
 
-def say(text):
+def say(text: str) -> None:
     """A line of the log; on a terminal it takes the place of the moving line."""
     clear = CLEAR_LINE if sys.stderr.isatty() else ""
     print(clear + text, file=sys.stderr, flush=True)
 
 
-def amount(size):
+def amount(size: float) -> str:
     """A number of bytes in words."""
     return f"{size / 1e6:,.1f} MB" if size >= 1e6 else f"{size / 1e3:,.1f} kB"
 
@@ -443,7 +472,7 @@ class Progress:
 
     MOVE, LINE = 0.2, 10.0  # s between reports
 
-    def __init__(self, what, total, terminal=None):
+    def __init__(self, what: str, total: int, terminal: TextIO | None = None) -> None:
         self._what, self._total = what, total
         streams = [stream for stream in (terminal, sys.stderr) if stream and stream.isatty()]
         self._terminal = streams[0] if streams else None
@@ -451,12 +480,12 @@ class Progress:
         self._done = self._resumed = 0
         self._start = self._moved = self._printed = time.monotonic()
 
-    def resume(self, size):
+    def resume(self, size: int) -> None:
         """Count bytes that were there already."""
         self._done += size
         self._resumed += size
 
-    def add(self, size):
+    def add(self, size: int) -> None:
         """Count bytes that arrived."""
         self._done += size
         now = time.monotonic()
@@ -467,7 +496,7 @@ class Progress:
             self._printed = now
             say(self._text(now))
 
-    def finish(self):
+    def finish(self) -> None:
         if self._terminal:
             print(CLEAR_LINE, end="", file=self._terminal, flush=True)
         seconds = time.monotonic() - self._start

@@ -4,6 +4,7 @@ A *scan* is an (n, 3) float64 array [m] in the scanner frame. Nothing is correct
 whatever does not fit is a `DataError`. Each format is a module of ``formats/``.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,9 @@ MAXIMUM_COORDINATE = 1e5  # m; no scanner sees so far, and few maps begin so nea
 SCAN_SUFFIXES = tuple(READERS)
 
 
-def read_scan(path, drop_non_finite=False, columns=None):
+def read_scan(
+    path: str | Path, drop_non_finite: bool = False, columns: Sequence[str] | None = None
+) -> tuple[np.ndarray, int]:
     """Points (n, 3) float64 [m] of a scan file, and how many rows were dropped as not finite.
 
     The suffix of ``path``, one of SCAN_SUFFIXES in lower or upper case, says the format;
@@ -28,7 +31,12 @@ def read_scan(path, drop_non_finite=False, columns=None):
     return _finite(Path(path), (), drop_non_finite, columns)
 
 
-def read_timed_scan(path, time, drop_non_finite=False, columns=None):
+def read_timed_scan(
+    path: str | Path,
+    time: str | None,
+    drop_non_finite: bool = False,
+    columns: Sequence[str] | None = None,
+) -> tuple[np.ndarray, np.ndarray | None, int]:
     """The same with the times (n,) of the points, in the column that the file calls ``time``.
 
     (points, times, dropped); times are None if ``time`` is. They are in any unit, and the rows in
@@ -114,7 +122,7 @@ def _require_metres(path, points, finite):
     )
 
 
-def check_scan(points, minimum_range, where):
+def check_scan(points: np.ndarray, minimum_range: float, where: str) -> None:
     """Raise DataError unless at least 1,000 points (n, 3) lie beyond ``minimum_range`` [m]."""
     far = int(np.count_nonzero(np.linalg.norm(points, axis=1) > minimum_range))
     if far < MINIMUM_POINTS:

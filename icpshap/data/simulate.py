@@ -7,6 +7,7 @@ while it turns. Both have range noise and dropouts. The scanner frame has x forw
 z up. Rays are cast by Open3D's RaycastingScene.
 """
 
+from collections.abc import Sequence
 from zlib import crc32
 
 import numpy as np
@@ -32,12 +33,12 @@ STEP = (0.3, 0.7)  # m of path between consecutive scans
 ATTITUDE_NOISE = np.deg2rad([1.0, 1.0, 5.0])  # roll, pitch, yaw about the path's direction
 
 
-def maximum_scans(scene):
+def maximum_scans(scene: str) -> int:
     """How many scans the path through a scene holds for certain."""
     return int(_path_length(SCENES[scene].PATH)[-1] / STEP[1]) + 1
 
 
-def simulate_poses(scene, scans, seed):
+def simulate_poses(scene: str, scans: int, seed: int) -> np.ndarray:
     """Poses T_global_scan (scans, 4, 4) along the path through a scene.
 
     Pose k depends on scene, seed and k alone. Raises UserError for more than `maximum_scans`.
@@ -51,8 +52,15 @@ def simulate_poses(scene, scans, seed):
 
 
 def simulate_scan(
-    scene, index, T_global_scan, beams, seed, range_noise=None, rings=None, speed=0.0
-):
+    scene: str,
+    index: int,
+    T_global_scan: np.ndarray,
+    beams: int,
+    seed: int,
+    range_noise: Sequence[float] | float | None = None,
+    rings: int | None = None,
+    speed: float = 0.0,
+) -> np.ndarray:
     """Points (n, 3) [m] of scan ``index`` of a scene, in its scanner's frame.
 
     rings: of a spinning scanner; None for the tilting laser, of which ``beams`` beams are drawn out
@@ -66,8 +74,8 @@ def simulate_scan(
     world = _raycaster(open3d, SCENES[scene].build(open3d))
     if rings is not None:
         generator = _generator(seed, scene, f"spinning/{index}")
-        noise = RING_NOISE if range_noise is None else range_noise
-        return _turn(world, rings, beams // rings, T_global_scan, generator, noise, speed)
+        ring_noise = RING_NOISE if range_noise is None else range_noise
+        return _turn(world, rings, beams // rings, T_global_scan, generator, ring_noise, speed)
     full = _beam_directions()
     if beams > len(full):
         raise UserError(

@@ -4,13 +4,24 @@ The causes themselves act on the healthy pair, so that a level has the unit and 
 has in an experiment; only then are the diagnostics taken, as of a pair that came like this.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from icpshap.causes import CAUSES
 from icpshap.causes.cause import SCANS
 from icpshap.diagnosis.diagnostics import NUMBERS, WORSE, Reference, diagnostics
+
+if TYPE_CHECKING:
+    from icpshap.causes.cause import Cause
+    from icpshap.data.pair import Pair
+    from icpshap.diagnosis.diagnostics import Diagnostics
+    from icpshap.estimators import perturb
+
 
 # Levels where those that are worth trying are too few. Of the overlap they are shares of what
 # there is.
@@ -41,7 +52,7 @@ class Curve:
     spreads: np.ndarray
     own: int
 
-    def fine(self):
+    def fine(self) -> Curve:
         """The same with levels in between, and with more of the cause's own change at the last."""
         known = np.arange(len(self.levels))
         places = np.linspace(0, known[-1], FINE * known[-1] + 1)
@@ -59,18 +70,18 @@ class Curve:
         )
 
     @property
-    def direction(self):
+    def direction(self) -> int:
         """1 where the cause's own diagnostic is worse if it is larger, -1 if it is smaller."""
         return WORSE[self.own]
 
-    def level(self, change):
+    def level(self, change: np.ndarray) -> float:
         """The level at which the cause's own diagnostic changes as in `change` (4,); not off."""
         grown = np.maximum.accumulate(self.direction * self.changes[:, self.own])
         level = np.interp(self.direction * change[self.own], grown, self.levels)
         return float(max(level, self.levels[1]))
 
 
-def curve(name, pair, healthy, streams):
+def curve(name: str, pair: Pair, healthy: Diagnostics, streams: perturb.Streams) -> Curve:
     """The `Curve` of a cause on a data.pair.Pair, of which `healthy` are the `Diagnostics`."""
     cause = CAUSES[name](**OPTIONS.get(name, {}))
     scale = pair.overlap if name == "partial_overlap" else 1.0
@@ -83,13 +94,13 @@ def curve(name, pair, healthy, streams):
     return Curve(levels, changes, np.zeros_like(changes), NUMBERS.index(cause.shown_by))
 
 
-def mean(curves):
+def mean(curves: Sequence[Curve]) -> Curve:
     """The mean of the curves of one cause on several pairs: places and drawn sectors differ."""
     levels, changes = (np.array([getattr(c, of) for c in curves]) for of in ("levels", "changes"))
     return Curve(levels.mean(axis=0), changes.mean(axis=0), changes.std(axis=0), curves[0].own)
 
 
-def perturbed(cause, pair, level, streams):
+def perturbed(cause: Cause, pair: Pair, level: float, streams: perturb.Streams) -> Pair:
     """A data.pair.Pair as a cause leaves it, through the hook by which it acts on scans."""
     points = {scan: getattr(pair, scan) for scan in SCANS}
     for scan in cause.scans:
@@ -97,10 +108,11 @@ def perturbed(cause, pair, level, streams):
             points[scan] = cause.move(points[scan], scan, level, 0, streams)
         else:
             points[scan] = points[scan][cause.keep(pair, scan, level, 0, streams)]
-    return replace(pair, **points, overlapping=None, source_times=None)
+    overlapping = np.empty(0, dtype=bool)  # that of the pair no longer; diagnostics measure it
+    return replace(pair, **points, overlapping=overlapping, source_times=None)
 
 
-def of_pair(pair, reference=None):
+def of_pair(pair: Pair, reference: Reference | None = None) -> Diagnostics:
     """The `Diagnostics` of a data.pair.Pair; reference: its `Reference`, where it is known."""
     return diagnostics(
         reference_of(pair) if reference is None else reference,
@@ -111,6 +123,6 @@ def of_pair(pair, reference=None):
     )
 
 
-def reference_of(pair):
+def reference_of(pair: Pair) -> Reference:
     """The `Reference` of a data.pair.Pair."""
     return Reference.of(pair.reference, pair.minimum_range)

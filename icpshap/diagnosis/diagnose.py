@@ -3,8 +3,11 @@
 Where there is none, noise alone has a healthy level: what is published of the scanner.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -13,6 +16,11 @@ from icpshap.causes._sensors import SENSORS
 from icpshap.diagnosis.curves import Curve, curve, mean, of_pair
 from icpshap.diagnosis.diagnostics import Diagnostics
 from icpshap.diagnosis.verdict import Healthy, Verdict, verdict
+
+if TYPE_CHECKING:
+    from icpshap.data.pair import Pair
+    from icpshap.estimators import perturb
+
 
 HEALTHIEST = 3  # pairs on which the curves are found
 # What a sheet says is of one target: of others the logarithm of the residual differs by this.
@@ -30,7 +38,7 @@ class Diagnosis(NamedTuple):
     """
 
     diagnostics: Diagnostics
-    z: dict
+    z: dict[str, float]
     verdict: Verdict
     against: str
     number: int
@@ -44,21 +52,21 @@ class Known:
     not be held at once; streams: perturb.Streams of the pair.
     """
 
-    def __init__(self, load, streams):
+    def __init__(self, load: Callable[[], Pair], streams: perturb.Streams) -> None:
         self.load, self.streams = load, streams.branched("diagnosis/")
 
     @cached_property
-    def diagnostics(self):
+    def diagnostics(self) -> Diagnostics:
         return of_pair(self.load())
 
     @cached_property
-    def curves(self):
+    def curves(self) -> dict[str, Curve]:
         """`curves.Curve` by name of the cause."""
         pair = self.load()
         return {name: curve(name, pair, self.diagnostics, self.streams) for name in causes.shown()}
 
 
-def diagnose(known, others):
+def diagnose(known: Known, others: Sequence[Known]) -> Diagnosis:
     """The `Diagnosis` of a `Known` pair against others, of which some may be unusual.
 
     Nothing is known of a pair whose diagnostics are not, nor beside such pairs alone.
@@ -73,12 +81,12 @@ def diagnose(known, others):
     usual = np.argsort(np.abs(healthy.z(logarithms)).max(axis=1), kind="stable")[:HEALTHIEST]
     curves = {name: mean([others[k].curves[name] for k in usual]) for name in causes.shown()}
     found = verdict(known.diagnostics.logarithms, healthy, curves)
-    z = healthy.z(known.diagnostics.logarithms)
-    z = {name: float(z[of.own] * of.direction) for name, of in curves.items()}
+    away = healthy.z(known.diagnostics.logarithms)
+    z = {name: float(away[of.own] * of.direction) for name, of in curves.items()}
     return Diagnosis(known.diagnostics, z, found, OTHERS, len(others), places[usual[0]])
 
 
-def diagnose_alone(known, sensor):
+def diagnose_alone(known: Known, sensor: str | None) -> Diagnosis:
     """The `Diagnosis` of a pair against what is published of a scanner, a name of `SENSORS`.
 
     Of noise alone: an overlap or a weak direction is unusual only beside others.

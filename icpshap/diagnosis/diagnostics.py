@@ -4,7 +4,9 @@ In the pose at hand, which may be an estimate: none of them depends on it beyond
 distance.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,6 +18,10 @@ from icpshap.geometry import (
     root_mean_square_distance,
     search_tree,
 )
+
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
+
 
 SAMPLE = 1200  # points of a scan at most, every k-th, at which planes are measured
 FEWEST = 6  # planes that hold a pose
@@ -43,12 +49,12 @@ class Diagnostics(NamedTuple):
     length: float
 
     @property
-    def are_known(self):
+    def are_known(self) -> bool:
         """Whether all of them could be measured."""
         return bool(np.isfinite(self.weakest_information) and self.weakest_information > 0)
 
     @property
-    def logarithms(self):
+    def logarithms(self) -> np.ndarray:
         """Of the `NUMBERS` (4,): causes multiply them."""
         known = self._replace(plane_residual=max(self.plane_residual, LEAST))
         return np.log([getattr(known, name) for name in NUMBERS])
@@ -61,19 +67,25 @@ class Reference(NamedTuple):
     [m]: of planes, NaN where there is none.
     """
 
-    tree: object
+    tree: KDTree
     number: int
     residuals: np.ndarray
 
     @classmethod
-    def of(cls, points, minimum_range):
+    def of(cls, points: np.ndarray, minimum_range: float) -> Reference:
         """That of a scan (n, 3) [m] in its scanner's frame."""
         tree = search_tree(points)
         in_range = np.flatnonzero(np.linalg.norm(points, axis=1) > minimum_range)
         return cls(tree, len(in_range), planes(points, _every(in_range), tree).residuals)
 
 
-def diagnostics(reference, source, T_reference_source, minimum_range, overlap_distance):
+def diagnostics(
+    reference: Reference,
+    source: np.ndarray,
+    T_reference_source: np.ndarray,
+    minimum_range: float,
+    overlap_distance: float,
+) -> Diagnostics:
     """The `Diagnostics` of a `Reference` and a source (m, 3) [m] in its scanner's frame.
 
     What cannot be measured, where they hardly overlap or show no planes, is NaN.

@@ -6,7 +6,10 @@ the most usual of the others. Where there is none it is played on the pair itsel
 are what would come on top of what is there.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pandas as pd
 
@@ -18,6 +21,11 @@ from icpshap.estimators.perturb import require_points
 from icpshap.plan import Setting
 from icpshap.tables import NO_PAIR, PLAYED
 
+if TYPE_CHECKING:
+    from icpshap.data.pair import Pair
+    from icpshap.estimators import Estimator, perturb
+
+
 USUAL = "nothing stands out"
 
 
@@ -27,12 +35,12 @@ class Instance(NamedTuple):
     played: reference and source of the pair that it is played on; reason: why it is not, or "".
     """
 
-    levels: dict
-    played: tuple
+    levels: dict[str, float]
+    played: tuple[int, int]
     reason: str
 
     @property
-    def columns(self):
+    def columns(self) -> dict[str, Any]:
         """Those of the table `instances` that are not the pair's name."""
         played = (NO_PAIR, NO_PAIR) if self.reason else self.played
         return {
@@ -42,19 +50,25 @@ class Instance(NamedTuple):
         }
 
 
-def instance(row, told):
+def instance(row: Any, told: Mapping[str, float]) -> Instance:
     """The `Instance` of a pair, a row (a named tuple) of the table `diagnosis`.
 
     told: level by name of the causes that scans do not show.
     """
-    levels = {name: _found(row, name) for name in CAUSES if CAUSES[name].shown_by} | told
+    levels = {name: _found(row, name) for name in CAUSES if CAUSES[name].shown_by} | dict(told)
     levels = {cause.name: float(levels[cause.name]) for cause in named(levels)}
     other = (row.healthiest_reference, row.healthiest_source)
     played = (row.reference, row.source) if NO_PAIR in other else other
     return Instance(levels, played, _without(row))
 
 
-def applied(found, load, estimator, streams, minimum_overlap):
+def applied(
+    found: Instance,
+    load: Callable[[tuple[int, int]], Pair],
+    estimator: Estimator,
+    streams: perturb.Streams,
+    minimum_overlap: float,
+) -> Instance:
     """An `Instance` with the reason why it cannot be played, if it cannot.
 
     load: function of the indices of a pair to the data.pair.Pair; estimator: an
@@ -77,7 +91,14 @@ def applied(found, load, estimator, streams, minimum_overlap):
     return found
 
 
-def table(diagnosis, told, load, estimator, streams, minimum_overlap):
+def table(
+    diagnosis: pd.DataFrame,
+    told: Mapping[str, float],
+    load: Callable[[tuple[int, int]], Pair],
+    estimator: Estimator,
+    streams: Callable[[tuple[int, int]], perturb.Streams],
+    minimum_overlap: float,
+) -> pd.DataFrame:
     """The table `instances` of a table `diagnosis`; streams: function of the indices of a pair."""
     rows = []
     for row in diagnosis.itertuples():

@@ -6,11 +6,17 @@ their plane that noise along the beams would change. And where noise is as large
 its least extent says nothing of the plane.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from icpshap.geometry import scatter, search_tree
+
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
+
 
 NEIGHBOURS = (10, 20, 40, 80)  # that are tried, the point itself included
 LINE = 0.1  # second extent of the bearings of neighbours against their first: below, one ring
@@ -27,7 +33,7 @@ class Planes(NamedTuple):
     residuals: np.ndarray
 
 
-def planes(points, rows, tree=None):
+def planes(points: np.ndarray, rows: np.ndarray, tree: KDTree | None = None) -> Planes:
     """The `Planes` at some rows of points (n, 3) [m], which are in their scanner's frame.
 
     tree: the search tree of the points, where it is known.

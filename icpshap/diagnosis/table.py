@@ -1,5 +1,10 @@
 """The table `diagnosis`: a row for each pair of a sequence, against the sequence's other pairs."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
 import pandas as pd
 
 from icpshap import causes
@@ -7,12 +12,18 @@ from icpshap.diagnosis.diagnose import Known, diagnose
 from icpshap.diagnosis.diagnostics import NUMBERS
 from icpshap.explanation.directions import VECTOR, in_words
 
+if TYPE_CHECKING:
+    from icpshap.data.pair import Pair
+    from icpshap.diagnosis.diagnose import Diagnosis
+    from icpshap.estimators import perturb
+
+
 # Pairs that a pair is held against, none of them farther than that in the order of the sequence: a
 # drive goes elsewhere.
 NEIGHBOURS = 16
 
 
-def table(loads, streams):
+def table(loads: Sequence[Callable[[], Pair]], streams: Sequence[perturb.Streams]) -> pd.DataFrame:
     """The table of pairs in their order: functions that load each, and its perturb.Streams.
 
     A row may be of a pair that cannot be measured; its numbers are NaN then.
@@ -28,7 +39,9 @@ def table(loads, streams):
     return pd.DataFrame(rows)
 
 
-def row(found, streams, healthiest):
+def row(
+    found: Diagnosis, streams: perturb.Streams, healthiest: perturb.Streams | None
+) -> dict[str, Any]:
     """The row of a `diagnose.Diagnosis`, by column.
 
     streams: perturb.Streams of the pair; healthiest: those of the pair that the levels were found

@@ -5,12 +5,19 @@ the curves of the causes say. How likely the measured ones are then is averaged 
 with what is thought of a set beforehand that makes its probability.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from itertools import combinations
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from icpshap.diagnosis.diagnostics import NUMBERS
+
+if TYPE_CHECKING:
+    from icpshap.diagnosis.curves import Curve
+
 
 # Standard deviation of the logarithms below which healthy pairs are not taken to agree: another
 # place of the same kind differs by that.
@@ -37,7 +44,7 @@ class Healthy(NamedTuple):
     model: np.ndarray
 
     @classmethod
-    def of(cls, logarithms):
+    def of(cls, logarithms: np.ndarray) -> Healthy:
         """Of pairs (n, 4), some of which may be unusual."""
         median = np.median(logarithms, axis=0)
         deviation = 1.4826 * np.median(np.abs(logarithms - median), axis=0)
@@ -46,7 +53,7 @@ class Healthy(NamedTuple):
         widened = deviation * np.sqrt(1 + 1.57 / len(logarithms))
         return cls(median, widened, np.array(list(MODEL.values())))
 
-    def z(self, logarithms):
+    def z(self, logarithms: np.ndarray) -> np.ndarray:
         """How many standard deviations (4,) diagnostics are above the healthy ones."""
         return (logarithms - self.median) / self.deviation
 
@@ -57,18 +64,18 @@ class Verdict(NamedTuple):
     In the causes' own units; 0 of a cause that is not in that set.
     """
 
-    probabilities: dict
+    probabilities: dict[str, float]
     nothing: float
-    levels: dict
+    levels: dict[str, float]
 
     @property
-    def causes(self):
+    def causes(self) -> list[str]:
         """Those in the likeliest set, the most probable first."""
         found = [name for name, level in self.levels.items() if level > 0]
-        return sorted(found, key=self.probabilities.get, reverse=True)
+        return sorted(found, key=self.probabilities.__getitem__, reverse=True)
 
     @property
-    def said(self):
+    def said(self) -> tuple[str, list[str], float]:
         """What is said of the pair: one of the words above, causes, and how sure that is.
 
         FOUND has those that are found, UNDECIDED the two that cannot be told apart.
@@ -78,14 +85,16 @@ class Verdict(NamedTuple):
         if not self.causes:
             return NOTHING, [], self.nothing
         first = self.causes[0]
-        ranked = sorted(self.probabilities, key=self.probabilities.get, reverse=True)
+        ranked = sorted(self.probabilities, key=self.probabilities.__getitem__, reverse=True)
         rival = next((name for name in ranked if name not in self.causes), None)
-        if self.probabilities[first] < SURE and self.probabilities.get(rival, 0) > 1 - SURE:
+        if rival is None or self.probabilities[first] >= SURE:
+            return FOUND, self.causes, self.probabilities[first]
+        if self.probabilities[rival] > 1 - SURE:
             return UNDECIDED, [first, rival], 1 - self.nothing
         return FOUND, self.causes, self.probabilities[first]
 
 
-def verdict(logarithms, healthy, curves):
+def verdict(logarithms: np.ndarray, healthy: Healthy, curves: Mapping[str, Curve]) -> Verdict:
     """The `Verdict` on diagnostics (4,), with the `curves.Curve`s of causes by name."""
     curves = {name: curve.fine() for name, curve in curves.items()}
     found = {}
@@ -97,7 +106,7 @@ def verdict(logarithms, healthy, curves):
         for names, (evidence, _) in found.items()
     }
     total = sum(weights.values())
-    best = max(weights, key=weights.get)
+    best = max(weights, key=weights.__getitem__)
     places = dict(zip(best, found[best][1], strict=True))
     changes = {name: curves[name].changes[place] for name, place in places.items()}
     unusual = logarithms - healthy.median

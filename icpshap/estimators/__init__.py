@@ -3,8 +3,13 @@
 `perturb` makes groups of settings, a `kind` consumes them; here they meet, and become tables.
 """
 
+from __future__ import annotations
+
 from collections import defaultdict
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -16,6 +21,12 @@ from icpshap.estimators import perturb
 from icpshap.estimators.kind import Kind, Samples
 from icpshap.estimators.perturb import Perturbing
 from icpshap.tables import INITIAL_XI, TRANSFORM, XI, covariance_columns
+
+if TYPE_CHECKING:
+    from icpshap.data.pair import Pair
+    from icpshap.estimators.kind import Returns
+    from icpshap.plan import Setting
+
 
 KINDS = registry.classes(__name__, __path__, Kind)
 
@@ -29,7 +40,7 @@ class Estimator:
     causes: dict[str, Cause]
 
     @classmethod
-    def of(cls, kind, values):
+    def of(cls, kind: str, values: Mapping[str, Any]) -> Estimator:
         """The estimator of a kind's name and a mapping of options; others keep their default."""
 
         def built(owner):
@@ -40,7 +51,7 @@ class Estimator:
         return cls(built(KINDS[kind]), built(Perturbing), causes)._with_own_noise()
 
     @classmethod
-    def decided(cls, by):
+    def decided(cls, by: Mapping[str, Any]) -> Estimator:
         """The estimator of what `decides` returned."""
         return cls(
             KINDS[by["kind"]](**by["options"]),
@@ -50,32 +61,29 @@ class Estimator:
 
     def _with_own_noise(self):
         """The same with the sensor's own noise in every setting, if the kind wants it drawn."""
-        noise = self.causes.get("sensor_noise")
-        if noise is None or not self.kind.drawn_sigma:
+        if not (sigma := self.kind.drawn_sigma):
             return self
-        own = replace(noise, own=self.kind.drawn_sigma)
-        return replace(self, causes={**self.causes, "sensor_noise": own})
+        causes = {name: cause.with_own_noise(sigma) for name, cause in self.causes.items()}
+        return replace(self, causes=causes)
 
-    def trained(self, table, leave_out):
+    def trained(self, table: pd.DataFrame, leave_out: str) -> Estimator:
         """The same with a kind that has learned from a descriptors table, but for one sequence."""
         return replace(self, kind=self.kind.trained(table, leave_out))
 
     @property
-    def returned(self):
+    def returned(self) -> Returns:
         """What comes back of a setting: `kind.Returns`."""
         found = self.kind.returned(self.perturbing.noise_draws)
-        noise = self.causes.get("sensor_noise")
-        if noise is not None and (noise.sensor != "none" or noise.reference_noise_additions != 1):
-            # What its noise adds to the sensor's own differs from point to point, or between scans.
-            return replace(found, sensor_sigma=0.0)
-        return found
+        if all(cause.adds_evenly for cause in self.causes.values()):
+            return found
+        return replace(found, sensor_sigma=0.0)
 
     @property
-    def number_of_runs(self):
+    def number_of_runs(self) -> int:
         """Starts of a setting."""
         return self.kind.number_of_runs(self.perturbing.noise_draws)
 
-    def of_causes(self, names):
+    def of_causes(self, names: Collection[str]) -> Estimator:
         """The same with the causes that an experiment names, and those that act without that."""
         return Estimator(
             self.kind,
@@ -88,12 +96,12 @@ class Estimator:
         )
 
     @property
-    def plugins(self):
+    def plugins(self) -> list[type | ModuleType]:
         """The classes and the modules of the user's own whose code makes its numbers."""
         causes = (type(cause) for cause in self.causes.values())
         return [type(self.kind), *self.kind.modules, *causes]
 
-    def decides(self):
+    def decides(self) -> dict[str, Any]:
         """All that decides its numbers, as a mapping that JSON can hold; see `decided`."""
         return {
             "kind": self.kind.name,
@@ -103,12 +111,19 @@ class Estimator:
         }
 
 
-def option_owners(kind):
+def option_owners(kind: str) -> list[type]:
     """The classes whose options an estimator of a kind takes."""
     return [KINDS[kind], Perturbing, *CAUSES.values()]
 
 
-def estimate(pair, settings, estimator, deviation, streams, mapped=map):
+def estimate(
+    pair: Pair,
+    settings: list[Setting],
+    estimator: Estimator,
+    deviation: np.ndarray,
+    streams: perturb.Streams,
+    mapped: Callable[..., Iterable] = map,
+) -> tuple[pd.DataFrame | None, pd.DataFrame | None]:
     """The tables of runs and of estimates of a pair, each in the order of the settings.
 
     pair: data.pair.Pair; settings: list of plan.Setting; deviation (6,): standard deviation of the

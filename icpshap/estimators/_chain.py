@@ -75,9 +75,9 @@ class ChainKind(Kind):
         """The ICP chain that the options describe."""
         from icpshap import icp  # compiled code is loaded where it runs, not where options are read
 
-        metrics = {"point_to_plane": icp.PointToPlane, "point_to_point": icp.PointToPoint}
+        to_plane = self.metric == "point_to_plane"
         return icp.Chain(
-            error_minimiser=metrics[self.metric](),
+            error_minimiser=icp.PointToPlane() if to_plane else icp.PointToPoint(),
             matches=self.matches,
             outlier_filter=icp.Trimmed(self.kept_links),
             maximum_distance=self.maximum_distance,

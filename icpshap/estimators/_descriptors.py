@@ -69,7 +69,8 @@ def descriptor(reference, source, T_reference_source):
     """
     moved = se3.transform(se3.inverse(T_reference_source), reference)
     clouds = [Cells.of(cloud) for cloud in (source, moved)]
-    _, *rows = np.intersect1d(*(cells.key for cells in clouds), True, return_indices=True)
+    keys = clouds[0].key, clouds[1].key
+    _, *rows = np.intersect1d(*keys, assume_unique=True, return_indices=True)
     shared = [cells.rows(chosen) for cells, chosen in zip(clouds, rows, strict=True)]
     both = Cells(*map(np.concatenate, zip(*shared, strict=True)))
     shaped = both.rows(both.number >= FEWEST_POINTS)

@@ -26,7 +26,7 @@ class Runs:
 
 
 @dataclass(frozen=True)
-class OwnNoise(Kind):
+class OwnNoise(Runs, Kind):
     """A kind of `Runs` whose spread can hold the sensor's own noise besides.
 
     By `draws`, white noise of sqrt(sensor_sigma^2 + sigma^2) on both scans in every noise draw of
@@ -127,9 +127,9 @@ class OwnNoise(Kind):
             T, status, iterations = register(points, group.pair.T_reference_source)
             found = closed_form.failed(status)
             if status in GOOD_STATUS:
-                variances = [
+                of_source, of_reference = (
                     self.sensor_sigma**2 + together * variance
                     for variance in (same[0].source_variance[usable], group.reference_variance)
-                ]
-                found = closed_form.of_clouds(reference, points, T, planes, *variances)
+                )
+                found = closed_form.of_clouds(reference, points, T, planes, of_source, of_reference)
             yield from found.estimates(group, same, T, iterations)

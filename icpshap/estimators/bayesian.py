@@ -5,8 +5,11 @@ gradients of their "Speeding up Iterative Closest Point Using Stochastic Gradien
 2019; constants as released.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -14,6 +17,11 @@ from icpshap.estimators._point_to_point import errors, minibatches_of, pose_of, 
 from icpshap.estimators.kind import Kind, Returns, Samples
 from icpshap.estimators.perturb import FEWEST_POINTS
 from icpshap.options import option
+
+if TYPE_CHECKING:
+    from icpshap.estimators._point_to_point import Errors
+    from icpshap.estimators.perturb import Group
+
 
 FEWEST_LINKS = 3  # without which an iteration is skipped
 FEWEST_SAMPLES = 7  # whose covariance can have full rank
@@ -69,7 +77,7 @@ class Bayesian(Kind):
     )
 
     @property
-    def conflict(self):
+    def conflict(self) -> str:
         samples = self.iterations - self.burn_in
         if samples >= FEWEST_SAMPLES:
             return ""
@@ -80,24 +88,24 @@ class Bayesian(Kind):
         )
 
     @property
-    def made_of(self):
+    def made_of(self) -> str:
         return "scatter of states of a Markov chain"
 
-    def spread(self, noise_draws):
+    def spread(self, noise_draws: int) -> str:
         return (
             "The spread is that of the states of a Markov chain (stochastic gradient Langevin "
             "dynamics) at a likelihood of 1 m a point, whatever the sensor's noise is."
         )
 
-    def number_of_runs(self, noise_draws):
+    def number_of_runs(self, noise_draws: int) -> int:
         return (self.iterations - self.burn_in) * noise_draws
 
-    def estimate(self, group):
+    def estimate(self, group: Group) -> Iterator[Samples]:
         from icpshap import icp  # compiled code is loaded where it runs, not where options are read
 
         match = icp.Matcher(icp.Reference(group.reference), 1)
-        normals = group.streams.generator(f"langevin/{group.noise_draw}")
-        normals = normals.standard_normal((self.iterations, 6))
+        generator = group.streams.generator(f"langevin/{group.noise_draw}")
+        normals = generator.standard_normal((self.iterations, 6))
         for start in group.starts:
             yield self._samples(group, start, match, normals)
 
@@ -149,7 +157,7 @@ class Prior(NamedTuple):
     mean: np.ndarray
     variance: np.ndarray
 
-    def gradient(self, pose):
+    def gradient(self, pose: np.ndarray) -> np.ndarray:
         """Gradient (6,) of the negative log density; of an angle by its sine, as released."""
         difference = pose - self.mean
         difference[3:] = np.sin(difference[3:])
@@ -165,8 +173,8 @@ class Chain(NamedTuple):
     rmse: np.ndarray
 
     @classmethod
-    def failed(cls, pose, iterations, status):
-        """A chain that stays where it begins."""
+    def failed(cls, pose: np.ndarray, iterations: int, status: str) -> Chain:
+        """A chain that stays at the pose (6,) where it begins."""
         return cls(
             np.tile(pose, (iterations, 1)),
             np.full(iterations, status),
@@ -175,7 +183,14 @@ class Chain(NamedTuple):
         )
 
 
-def chain(begin, likelihood, prior, points, normals, variant):
+def chain(
+    begin: np.ndarray,
+    likelihood: Callable[[int, np.ndarray], Errors],
+    prior: Prior,
+    points: int,
+    normals: np.ndarray,
+    variant: int,
+) -> Chain:
     """The `Chain` of poses that begins at one (6,); as long as its normal numbers (n, 6).
 
     likelihood(iteration, pose): `Errors` of a mini-batch of that iteration; points: number of
@@ -196,7 +211,15 @@ def chain(begin, likelihood, prior, points, normals, variant):
     return result
 
 
-def step(pose, square, gradient, prior_gradient, points, normal, variant):
+def step(
+    pose: np.ndarray,
+    square: np.ndarray,
+    gradient: np.ndarray,
+    prior_gradient: np.ndarray,
+    points: int,
+    normal: np.ndarray,
+    variant: int,
+) -> tuple[np.ndarray, np.ndarray]:
     """The next pose (6,) of a chain, and the running mean (6,) of squared gradients.
 
     gradient (6,): mean over the links; prior_gradient (6,); points: number of source points;

@@ -1,14 +1,17 @@
 """Your own registration, a Python function, from many initial poses: each end a pose sample."""
 
+from __future__ import annotations
+
 import difflib
 import inspect
 import logging
 import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import ClassVar, NamedTuple
+from types import ModuleType
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -17,6 +20,13 @@ from icpshap.errors import UserError
 from icpshap.estimators._own_noise import OwnNoise, Runs
 from icpshap.estimators.kind import SAMPLES, Samples
 from icpshap.options import REQUIRED, option
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from icpshap.estimators.kind import Covariance
+    from icpshap.estimators.perturb import Group
+
 
 log = logging.getLogger(__name__)
 
@@ -49,7 +59,7 @@ class CallableRegistration(OwnNoise, Runs):
     )
 
     @property
-    def conflict(self):
+    def conflict(self) -> str:
         try:
             self.function()
         except UserError as error:
@@ -57,16 +67,16 @@ class CallableRegistration(OwnNoise, Runs):
         return ""
 
     @property
-    def modules(self):
+    def modules(self) -> tuple[ModuleType, ...]:
         if callable(self.register):
             return ()
         return (registry.imported(self.register.partition(":")[0]),)
 
-    def function(self):
+    def function(self) -> Callable:
         """The function that is called. Raises UserError if `register` leads to none."""
         return self.register if callable(self.register) else found(self.register)
 
-    def check_clean(self, runs):
+    def check_clean(self, runs: pd.DataFrame) -> None:
         if (runs["status"] != "ok").all():
             raise UserError(
                 f"{self._called}: all {len(runs)} runs of the unperturbed pair failed; the first "
@@ -89,11 +99,11 @@ class CallableRegistration(OwnNoise, Runs):
         """The failures that have been logged: each once, in however many settings it happens."""
         return set()
 
-    def estimate(self, group):
+    def estimate(self, group: Group) -> Iterator[Samples | Covariance]:
         from icpshap import icp
 
         register = self.function()
-        counts = Counter()
+        counts: Counter[str] = Counter()
         reference = icp.Reference(group.reference)
 
         def from_all(points, T_initial):
@@ -138,9 +148,12 @@ class End(NamedTuple):
     error: BaseException | None = None
 
 
-def called(register, reference, source, T_initial):
-    """`End` of one call; one that fails keeps its initial pose, and its status says why.
+def called(
+    register: Callable, reference: np.ndarray, source: np.ndarray, T_initial: np.ndarray
+) -> End:
+    """`End` of one call on clouds (n, 3), (m, 3) [m] from the pose T_initial (4, 4).
 
+    One that fails keeps its initial pose, and its status says why.
     Raises UserError for a module that is not installed, which no other call would find.
     """
     copies = [np.array(each, dtype=float, order="C") for each in (reference, source, T_initial)]
@@ -159,7 +172,7 @@ def called(register, reference, source, T_initial):
     return End(np.array(returned, dtype=float), "ok")
 
 
-def called_name(register):
+def called_name(register: str | Callable) -> str:
     """What messages and tables call a function; the same in every process."""
     if isinstance(register, partial):
         return called_name(register.func)
@@ -168,7 +181,7 @@ def called_name(register):
     return getattr(register, "__name__", type(register).__name__)
 
 
-def no_pose(returned):
+def no_pose(returned: object) -> str:
     """Why what a function returned is no pose; "" if it is one."""
     try:
         T = np.asarray(returned, dtype=float)
@@ -185,7 +198,7 @@ def no_pose(returned):
     return ""
 
 
-def found(register):
+def found(register: str) -> Callable:
     """The function that "module:function" names. Raises UserError if there is none."""
     module_name, _, name = register.partition(":")
     try:
@@ -224,7 +237,7 @@ def _not_imported(module_name, error):
     )
 
 
-def check_arguments(register, function):
+def check_arguments(register: str, function: Callable) -> None:
     """Raise UserError if a function is known not to take three arguments; register: its name."""
     try:
         signature = inspect.signature(function)

@@ -13,8 +13,11 @@ variance of a point's noise on each coordinate. Censi's terms with the residuals
 by 0.007 at most on the real pair: they are left out.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -30,6 +33,12 @@ from icpshap.estimators.kind import (
     told,
 )
 from icpshap.options import option
+
+if TYPE_CHECKING:
+    from icpshap import icp
+    from icpshap.estimators.kind import Returns
+    from icpshap.estimators.perturb import Group, Start
+
 
 FEWEST_LINKS = 7
 SINGULAR = 1e-12  # smallest against largest eigenvalue below which a direction is unobservable
@@ -73,14 +82,14 @@ class ClosedForm(ChainKind):
         maximum=100,
     )
 
-    def returned(self, noise_draws):
+    def returned(self, noise_draws: int) -> Returns:
         return replace(
             self.returns,
             sensor_sigma=0.0 if self.noise == "residuals" else self.sensor_sigma,
             together=self.noise == "known",
         )
 
-    def spread(self, noise_draws):
+    def spread(self, noise_draws: int) -> str:
         metric = "tangent planes" if self.metric == "point_to_plane" else "points"
         links = "shared by the links of a point" if self.links == "shared" else "of each link"
         text = (
@@ -100,10 +109,10 @@ class ClosedForm(ChainKind):
         return f"told {told(self.sensor_sigma)} for the sensor's own{also}"
 
     @property
-    def made_of(self):
+    def made_of(self) -> str:
         return f"closed form, {self.metric.replace('_', ' ')}, {self.links} links"
 
-    def estimate(self, group):
+    def estimate(self, group: Group) -> Iterator[Covariance]:
         reference = self.reference(group.reference)
         for same in perturb.alike(group.starts):
             run = self.from_truth(group, reference, same[0])
@@ -111,7 +120,9 @@ class ClosedForm(ChainKind):
             found = self.at(group, reference, same[0], T, run.status[0])
             yield from found.estimates(group, same, T, run.iterations[0])
 
-    def at(self, group, reference, start, T, status):
+    def at(
+        self, group: Group, reference: icp.Reference, start: Start, T: np.ndarray, status: str
+    ) -> Linearised:
         """The `Linearised` of a start's first rows at the pose T (4, 4) that a run ended at.
 
         status: of that run; one that failed is not linearised.
@@ -119,16 +130,21 @@ class ClosedForm(ChainKind):
         if status not in GOOD_STATUS:
             return failed(status)
         points = start.source[start.rows[0]]
-        variances = self.variances(group, start)
-        found = of_clouds(reference, points, T, self.chain(), *variances, self.links)
+        of_source, of_reference = self.variances(group, start)
+        found = of_clouds(reference, points, T, self.chain(), of_source, of_reference, self.links)
         return found._replace(status=status) if found.status == "ok" else found
 
-    def variances(self, group, start):
-        """What `of_clouds` is told of the noise of a start's first rows, and of the reference."""
+    def variances(
+        self, group: Group, start: Start
+    ) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
+        """What `of_clouds` is told of a start's first rows (k,) and of the reference (n,) [m^2]."""
         if self.noise == "residuals":
             return None, None
-        told = (start.source_variance[start.rows[0]], group.reference_variance)
-        return [self.sensor_sigma**2 + (self.noise == "known") * variance for variance in told]
+        own, counts = self.sensor_sigma**2, self.noise == "known"
+        return (
+            own + counts * start.source_variance[start.rows[0]],
+            own + counts * group.reference_variance,
+        )
 
 
 # --- the mathematics ------------------------------------------------------------------------------
@@ -149,9 +165,9 @@ class Links(NamedTuple):
     squared_error: float
 
     @property
-    def number(self):
+    def number(self) -> int:
         """Number of kept links."""
-        return np.count_nonzero(self.kept)
+        return int(np.count_nonzero(self.kept))
 
 
 class Linearised(NamedTuple):
@@ -170,21 +186,31 @@ class Linearised(NamedTuple):
     rmse: float
     inlier_ratio: float
 
-    def estimates(self, group, starts, T, iterations):
+    def estimates(
+        self, group: Group, starts: Iterable[Start], T: np.ndarray, iterations: int
+    ) -> list[Covariance]:
         """A `Covariance` of each of the starts, of a run that took so many steps to T (4, 4)."""
         fields = T, self.covariance, iterations, self.status, self.rmse, self.inlier_ratio
         return [Covariance(start.setting, group.noise_draw, *fields) for start in starts]
 
 
-def failed(status, links=0, rmse=np.nan, inlier_ratio=0.0):
+def failed(
+    status: str, links: int = 0, rmse: float = np.nan, inlier_ratio: float = 0.0
+) -> Linearised:
     """The `Linearised` of a pose at which there is no covariance."""
     nan = np.full((6, 6), np.nan)
     return Linearised(nan, status, nan, links, rmse, inlier_ratio)
 
 
 def of_clouds(
-    reference, points, T, chain, source_variance=None, reference_variance=None, links="shared"
-):
+    reference: icp.Reference,
+    points: np.ndarray,
+    T: np.ndarray,
+    chain: icp.Chain,
+    source_variance: np.ndarray | None = None,
+    reference_variance: np.ndarray | None = None,
+    links: str = "shared",
+) -> Linearised:
     """The `Linearised` of source points (m, 3) [m] at the pose T (4, 4) on an icp.Reference.
 
     chain: icp.Chain, which makes and keeps the links; source_variance (m,), reference_variance
@@ -203,7 +229,7 @@ def of_clouds(
     matrix = information(homogeneous(points), weights)
     if is_singular(matrix, number):
         return failed("degenerate", number, rmse, inlier_ratio)
-    if source_variance is None:
+    if source_variance is None or reference_variance is None:
         variance = residual_variance(found)
         source_variance = np.full(len(points), variance)
         reference_variance = np.full(len(reference), variance)
@@ -220,7 +246,9 @@ def of_clouds(
     return Linearised(covariance, status, bias, number, rmse, inlier_ratio)
 
 
-def kept_links(reference, points, T, chain):
+def kept_links(
+    reference: icp.Reference, points: np.ndarray, T: np.ndarray, chain: icp.Chain
+) -> Links:
     """The `Links` that a chain keeps of source points (m, 3) [m] at the pose T (4, 4)."""
     from icpshap import icp
 
@@ -247,7 +275,7 @@ def _closest(distance, outlier_filter):
     return distance <= limit
 
 
-def homogeneous(points):
+def homogeneous(points: np.ndarray) -> np.ndarray:
     """Points (m, 3) with a fourth coordinate of 1."""
     return np.column_stack([points, np.ones(len(points))])
 
@@ -258,7 +286,7 @@ JACOBIAN[:3, :, :3] = -se3.hat(np.eye(3))
 JACOBIAN[3, :, 3:] = np.eye(3)
 
 
-def information(points, weights):
+def information(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Sum of B^T W B (6, 6) over homogeneous points (m, 4) with weights (m, 3, 3).
 
     All moments sum_i h_a h_b W of the points at once, one product of matrices.
@@ -269,7 +297,7 @@ def information(points, weights):
     return np.einsum("axr,abxy,bys->rs", JACOBIAN, moments, JACOBIAN, optimize=True)
 
 
-def link_weights(links, factors=1.0):
+def link_weights(links: Links, factors: np.ndarray | float = 1.0) -> np.ndarray:
     """Sum of factor W (m, 3, 3) over the kept links of each source point; factors (m, k)."""
     factors = links.kept * factors
     if links.normals is None:
@@ -278,7 +306,9 @@ def link_weights(links, factors=1.0):
     return np.swapaxes(factors[..., None] * normals, 1, 2) @ normals
 
 
-def independent_scatter(links, source_variance, reference_variance):
+def independent_scatter(
+    links: Links, source_variance: np.ndarray, reference_variance: np.ndarray
+) -> np.ndarray:
     """Covariance (6, 6) of the gradient where each kept link has noise of its own.
 
     What stands between H^-1 and H^-1; source_variance (m,), reference_variance (n,) [m^2].
@@ -287,8 +317,10 @@ def independent_scatter(links, source_variance, reference_variance):
     return information(homogeneous(links.points), link_weights(links, of_link))
 
 
-def shared_scatter(links, weights, source_variance, reference_variance):
-    """The same where the links of a point share its noise; weights: `link_weights` of the links."""
+def shared_scatter(
+    links: Links, weights: np.ndarray, source_variance: np.ndarray, reference_variance: np.ndarray
+) -> np.ndarray:
+    """The same where the links of a point share its noise; weights (m, 3, 3): `link_weights`."""
     points = homogeneous(links.points)
     # W W = W of each link, but not of a sum of them.
     of_source = information(points, source_variance[:, None, None] * (weights @ weights))
@@ -299,7 +331,7 @@ def shared_scatter(links, weights, source_variance, reference_variance):
     # All links of a reference point have its normal, so that B is summed and W is not.
     linked = sums[:, 3] > 0
     if links.normals is None:
-        weights = np.broadcast_to(np.eye(3), (np.count_nonzero(linked), 3, 3))
+        weights = np.broadcast_to(np.eye(3), (int(linked.sum()), 3, 3))
     else:
         normals = links.normals[linked]
         weights = normals[:, :, None] * normals[:, None, :]
@@ -307,7 +339,7 @@ def shared_scatter(links, weights, source_variance, reference_variance):
     return of_source + information(sums[linked], weights)
 
 
-def normal_sum(links):
+def normal_sum(links: Links) -> np.ndarray:
     """Sum of B^T n (6,) over the kept links; NaN without planes."""
     if links.normals is None:
         return np.full(6, np.nan)
@@ -315,7 +347,7 @@ def normal_sum(links):
     return np.concatenate([np.cross(links.points, normals).sum(axis=0), normals.sum(axis=0)])
 
 
-def residual_variance(links):
+def residual_variance(links: Links) -> float:
     """Variance [m^2] on each coordinate of both clouds that the residuals of kept links suggest.
 
     A residual has the noise of two points; a link has one residual or, without planes, three.
@@ -324,7 +356,7 @@ def residual_variance(links):
     return links.squared_error / (2 * (residuals - 6))
 
 
-def is_singular(matrix, terms):
+def is_singular(matrix: np.ndarray, terms: int) -> bool:
     """Whether a sum H (6, 6) of that many terms leaves a direction undetermined."""
     scale = np.sqrt(
         np.maximum(np.diagonal(matrix), 1e-300)
@@ -333,7 +365,7 @@ def is_singular(matrix, terms):
     return values[0] <= max(SINGULAR, 6 * ROUNDING * terms) * values[-1]
 
 
-def sandwich(matrix, scatter):
+def sandwich(matrix: np.ndarray, scatter: np.ndarray) -> np.ndarray:
     """H^-1 scatter H^-1 (6, 6), symmetric."""
     half = np.linalg.solve(matrix, scatter)
     covariance = np.linalg.solve(matrix, half.T)

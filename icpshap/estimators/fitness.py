@@ -4,8 +4,11 @@ hdl_graph_slam (Koide et al. 2019; information_matrix_calculator.cpp) and LIO-SA
 mapOptmization.cpp).
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -14,6 +17,10 @@ from icpshap.estimators import perturb
 from icpshap.estimators._chain import ChainKind
 from icpshap.estimators.kind import COVARIANCES, GOOD_STATUS, UNSHARED, Covariance, of_definite
 from icpshap.options import option
+
+if TYPE_CHECKING:
+    from icpshap.estimators.perturb import Group
+
 
 # Of hdl_graph_slam: var_gain_a, fitness_score_thresh [m^2], and the squares of min_stddev and
 # max_stddev of q [rad] and x [m].
@@ -39,17 +46,17 @@ class Fitness(ChainKind):
         choices=("hdl_graph_slam", "lio_sam"),
     )
 
-    def spread(self, noise_draws):
+    def spread(self, noise_draws: int) -> str:
         return (
             "The covariance is a formula of the mean squared distance to the nearest points, with "
             f"the constants of {self.formula}: it knows no direction, and was told no noise."
         )
 
     @property
-    def made_of(self):
+    def made_of(self) -> str:
         return f"fitness score, as in {self.formula}"
 
-    def estimate(self, group):
+    def estimate(self, group: Group) -> Iterator[Covariance]:
         from icpshap import icp
 
         reference = self.reference(group.reference)
@@ -76,13 +83,13 @@ class Fitness(ChainKind):
                 )
 
 
-def hdl_graph_slam(score):
+def hdl_graph_slam(score: float) -> np.ndarray:
     """Variances (6,) [rad^2 x3, m^2 x3] of a fitness score [m^2]."""
     grown = (1 - np.exp(-GAIN * score)) / (1 - np.exp(-GAIN * LARGEST_SCORE))
     return np.repeat([low + (high - low) * grown for low, high in (ROTATION, TRANSLATION)], 3)
 
 
-def lio_sam(score):
+def lio_sam(score: float) -> np.ndarray:
     """Variances (6,) [rad^2 x3, m^2 x3] of a fitness score [m^2]."""
     return np.full(6, score)
 

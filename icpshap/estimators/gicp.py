@@ -3,8 +3,11 @@
 Segal, Haehnel, Thrun, "Generalized-ICP" (RSS 2009): plane to plane, by Gauss-Newton.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -20,6 +23,11 @@ from icpshap.estimators.kind import (
     of_definite,
 )
 from icpshap.options import option
+
+if TYPE_CHECKING:
+    from icpshap import icp
+    from icpshap.estimators.perturb import Group
+
 
 DAMPING = 1e-6  # is added to the diagonal of H before a step, as in small_gicp
 
@@ -74,7 +82,7 @@ class Gicp(Kind):
         maximum=1e6,
     )
 
-    def spread(self, noise_draws):
+    def spread(self, noise_draws: int) -> str:
         scale = "a noise of 1 m in the plane of each point"
         if self.scale == "residuals":
             scale = "the noise that the weighted residuals suggest"
@@ -84,15 +92,15 @@ class Gicp(Kind):
         )
 
     @property
-    def made_of(self):
+    def made_of(self) -> str:
         scaled = " times the variance of the residuals" * (self.scale == "residuals")
         return f"inverse Hessian of generalised ICP{scaled}"
 
     @property
-    def neighbourhood(self):
+    def neighbourhood(self) -> tuple[int, float]:
         return self.neighbours, 0.0
 
-    def estimate(self, group):
+    def estimate(self, group: Group) -> Iterator[Covariance]:
         reference = Planar.of(group.reference, self.neighbours)
         for same in perturb.alike(group.starts):
             points = same[0].source[same[0].rows[0]]
@@ -134,16 +142,19 @@ class Planar(NamedTuple):
 
     points: np.ndarray
     normals: np.ndarray
-    matcher: object
+    matcher: icp.Matcher
 
     @classmethod
-    def of(cls, points, neighbours):
-        """In spatial order, with normals from that many neighbours of a point, itself included."""
+    def of(cls, points: np.ndarray, neighbours: int) -> Planar:
+        """That of points (n, 3) [m], which get a spatial order.
+
+        neighbours: of a point that give its normal, the point itself included.
+        """
         from icpshap import icp
         from icpshap.icp import kdtree
 
         # What neighbours are linked to are neighbours, which lie in the cache then.
-        points = points[kdtree.build(points).index]
+        points = points[kdtree.build(points).rows]
         reference = icp.Reference(points, neighbours)
         return cls(points, reference.in_rows(reference.normals), icp.Matcher(reference))
 
@@ -167,7 +178,9 @@ class End(NamedTuple):
     linearised: LinearisedLinks
 
 
-def linearise(reference, source, T, maximum_distance):
+def linearise(
+    reference: Planar, source: Planar, T: np.ndarray, maximum_distance: float
+) -> LinearisedLinks:
     """`LinearisedLinks` at the pose T (4, 4): each source point to its nearest reference point."""
     from icpshap.icp import plane_to_plane
 
@@ -178,7 +191,14 @@ def linearise(reference, source, T, maximum_distance):
     return LinearisedLinks(matrix, gradient, *sums)
 
 
-def register(reference, source, T, maximum_distance, maximum_iterations, stop):
+def register(
+    reference: Planar,
+    source: Planar,
+    T: np.ndarray,
+    maximum_distance: float,
+    maximum_iterations: int,
+    stop: tuple[float, float],
+) -> End:
     """Generalised ICP of two `Planar` clouds from the pose T (4, 4); see `End`.
 
     stop: a step below both [rad, m] is the last.

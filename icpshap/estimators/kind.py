@@ -4,12 +4,22 @@ A kind is one file of this package, found by being there; `kind: monte_carlo` na
 `returns` what comes back, and those who read its tables ask there instead of assuming.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from types import ModuleType
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from icpshap.plan import Setting
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from icpshap.estimators.perturb import Group
+
 
 GOOD_STATUS = ("ok", "max_iterations")  # of the runs and estimates that count
 
@@ -34,11 +44,11 @@ class Returns:
     together: bool = True
 
     @property
-    def is_deterministic(self):
+    def is_deterministic(self) -> bool:
         """Whether nothing but the noise draw varies: equal clouds give equal estimates."""
         return not self.samples
 
-    def units(self, noise_draws):
+    def units(self, noise_draws: int) -> str:
         """What may be left out to see how sure an estimate is: runs, noise draws, nothing ("")."""
         if noise_draws > 1:
             return "noise draws"
@@ -96,7 +106,7 @@ class Covariance(NamedTuple):
     far: int = 0
 
 
-def of_definite(status, covariance):
+def of_definite(status: str, covariance: np.ndarray) -> str:
     """The status of an estimate; `degenerate` if its covariance (6, 6) has no Cholesky factor."""
     try:
         np.linalg.cholesky(covariance)
@@ -105,7 +115,7 @@ def of_definite(status, covariance):
     return status if np.isfinite(covariance).all() else "degenerate"
 
 
-def told(sigma):
+def told(sigma: float) -> str:
     """A standard deviation [m] in words."""
     return f"{100 * sigma:g} cm"
 
@@ -118,8 +128,7 @@ class Kind:
     `one_subsample`: whether all runs of a noise draw use one subsample of the source, that of the
     first of them; `defaults`: of the options of perturb.Perturbing that have another default for
     the kind; `foreign`: whether it registers with what is not ours, of which success is told first;
-    `training`: name of the experiment that it learns from, or None if it does not; `fewest_pairs`:
-    how many pairs of other sequences that must have.
+    `fewest_pairs`: how many pairs of other sequences the experiment that it learns from must have.
     """
 
     name: ClassVar[str]
@@ -128,62 +137,66 @@ class Kind:
     one_subsample: ClassVar[bool] = False
     defaults: ClassVar[dict] = {}
     foreign: ClassVar[bool] = False
-    training: ClassVar[str | None] = None
     fewest_pairs: ClassVar[int] = 0
 
     @property
-    def modules(self):
+    def training(self) -> str | None:
+        """Name of the experiment that it learns from; None if it does not."""
+        return None
+
+    @property
+    def modules(self) -> tuple[ModuleType, ...]:
         """Modules of the user's own whose code makes its numbers besides that of the kind."""
         return ()
 
     @property
-    def made_of(self):
+    def made_of(self) -> str:
         """What the covariance of a setting is made of, in a few words without an article."""
         parts = ["scatter of the samples"] * self.returns.samples
         return " and ".join(parts + ["covariances of its own"] * self.returns.covariances)
 
     @property
-    def conflict(self):
+    def conflict(self) -> str:
         """What is wrong with its options together, after the name of one of them; "" if nothing."""
         return ""
 
-    def number_of_runs(self, noise_draws):
+    def number_of_runs(self, noise_draws: int) -> int:
         """How many starts a setting has; by default one for each noise draw."""
         return noise_draws
 
-    def returned(self, noise_draws):
+    def returned(self, noise_draws: int) -> Returns:
         """What comes back from so many noise draws: a `Returns`."""
         return self.returns
 
-    def spread(self, noise_draws):
+    def spread(self, noise_draws: int) -> str:
         """What the spread of a setting is made of, and what noise it was told: sentences."""
         return ""
 
     @property
-    def drawn_sigma(self):
+    def drawn_sigma(self) -> float:
         """Standard deviation [m] of the sensor's own noise, drawn in every setting; 0 for none."""
         return 0.0
 
     @property
-    def fewest_noise_draws(self):
+    def fewest_noise_draws(self) -> int:
         """The number of noise draws below which its options cannot be what they say."""
         return 1
 
     @property
-    def neighbourhood(self):
+    def neighbourhood(self) -> tuple[int, float] | None:
         """Nearest neighbours and radius [m] that give its normals; None where it has none."""
         return None
 
-    def check_clean(self, runs):
+    def check_clean(self, runs: pd.DataFrame) -> None:
         """Raise UserError if the runs of a clean setting (rows of their table) say nothing."""
 
-    def trained(self, table, leave_out):
+    def trained(self, table: pd.DataFrame, leave_out: str) -> Self:
         """The same after it has learned from a descriptors table, but for the sequence leave_out.
 
         Of kinds that have a `training`.
         """
         raise NotImplementedError
 
-    def estimate(self, group):
+    def estimate(self, group: Group) -> Iterator[Samples | Covariance]:
         """Yields `Samples`, `Covariance` or both for every start of a perturb.Group."""
         raise NotImplementedError

@@ -5,8 +5,11 @@ Landry, Pomerleau, Giguère, "CELLO-3D: Estimating the Covariance of ICP in the 
 one pair: the descriptor of its perturbed clouds, and the covariance of its runs.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -16,6 +19,11 @@ from icpshap.estimators._descriptors import descriptor
 from icpshap.estimators.kind import COVARIANCES, UNSHARED, Covariance, Kind, of_definite
 from icpshap.options import option
 from icpshap.tables import DESCRIPTOR, PAIR, covariances
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from icpshap.estimators.perturb import Group
 
 
 class TrainingError(UserError):
@@ -35,7 +43,7 @@ class Examples(NamedTuple):
     covariances: np.ndarray
 
     @classmethod
-    def of(cls, descriptors, covariances):
+    def of(cls, descriptors: np.ndarray, covariances: np.ndarray) -> Examples:
         """Those of descriptors (n, d) as they are, and covariances (n, 6, 6)."""
         differ = np.ptp(descriptors, axis=0) > 0
         scale = np.where(differ, 1 / np.where(differ, descriptors.std(axis=0), 1.0), 0.0)
@@ -73,17 +81,17 @@ class Learned(Kind):
     examples: Examples | None = field(default=None, repr=False, compare=False)
 
     @property
-    def made_of(self):
+    def made_of(self) -> str:
         return "covariances of pairs that look alike"
 
-    def spread(self, noise_draws):
+    def spread(self, noise_draws: int) -> str:
         return (
             f"The covariance is the mean of those of the {self.neighbours} settings of "
             f"{self.training} that look most alike, in other sequences (CELLO-3D); it was told no "
             "noise but what those runs had."
         )
 
-    def trained(self, table, leave_out):
+    def trained(self, table: pd.DataFrame, leave_out: str) -> Self:
         """The same with the examples of a descriptors table (tables.TABLES).
 
         leave_out: key of the sequence that is to be estimated, whose own pairs are no examples.
@@ -101,7 +109,7 @@ class Learned(Kind):
         descriptors = others[DESCRIPTOR].to_numpy(dtype=float)
         return replace(self, examples=Examples.of(descriptors, covariances(others)))
 
-    def estimate(self, group):
+    def estimate(self, group: Group) -> Iterator[Covariance]:
         if self.examples is None:
             raise TrainingError(
                 f"The kind {self.name} was not trained.\n"
@@ -118,7 +126,7 @@ class Learned(Kind):
                 yield Covariance(start.setting, group.noise_draw, T, covariance, status=status)
 
 
-def descriptors(group):
+def descriptors(group: Group) -> Iterator[tuple[list[perturb.Start], np.ndarray | None]]:
     """Yields the starts of a perturb.Group that have the same clouds, and their descriptor (d,).
 
     None in its place where the clouds hardly overlap.
@@ -129,7 +137,7 @@ def descriptors(group):
         yield same, descriptor(group.reference, points, T_reference_source)
 
 
-def predict(examples, seen, neighbours):
+def predict(examples: Examples, seen: np.ndarray, neighbours: int) -> np.ndarray:
     """The covariance (6, 6) [rad, m] of a pair with the descriptor `seen` (d,).
 
     C = sum_i e^-d_i C_i / sum_i e^-d_i over the nearest `Examples`, of which d_i is the Euclidean

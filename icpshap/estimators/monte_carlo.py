@@ -1,7 +1,10 @@
 """ICP from many initial poses, each end a pose sample (paper, "Pose Uncertainty Estimation")."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -9,6 +12,11 @@ from icpshap.estimators import perturb
 from icpshap.estimators._chain import ChainKind
 from icpshap.estimators._own_noise import OwnNoise, Runs
 from icpshap.estimators.kind import SAMPLES, Samples
+
+if TYPE_CHECKING:
+    from icpshap.estimators.kind import Covariance
+    from icpshap.estimators.perturb import Group
+
 
 RUNS_AT_ONCE = 1200  # runs that go through the search index together; more only cost memory
 
@@ -20,7 +28,7 @@ class MonteCarlo(OwnNoise, ChainKind, Runs):
     name: ClassVar = "monte_carlo"
     returns: ClassVar = SAMPLES
 
-    def estimate(self, group):
+    def estimate(self, group: Group) -> Iterator[Samples | Covariance]:
         from icpshap import icp
 
         chain = self.chain()

@@ -9,11 +9,13 @@ Settings whose causes do the same to the reference share it, and whatever an est
 they come as one `Group` for each noise draw.
 """
 
+from __future__ import annotations
+
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -25,6 +27,10 @@ from icpshap.errors import PerturbationError
 from icpshap.geometry import nearest_to_cell_centres
 from icpshap.options import option
 from icpshap.plan import Setting
+
+if TYPE_CHECKING:
+    from icpshap.estimators import Estimator
+
 
 FEWEST_POINTS = 50  # of the source that a run needs
 
@@ -63,7 +69,7 @@ class Perturbation:
     )
 
     @property
-    def deviation(self):
+    def deviation(self) -> np.ndarray:
         """Standard deviation of xi (6,) at s = 1 [rad x3, m x3]: root of Eq. 4's diagonal."""
         rotation = np.deg2rad(self.initial_pose_rotation)
         return np.repeat([rotation, self.initial_pose_translation], 3) / np.sqrt(3)
@@ -130,10 +136,10 @@ class Streams:
     source: int
     branch: str = ""
 
-    def branched(self, branch):
+    def branched(self, branch: str) -> Streams:
         return replace(self, branch=branch)
 
-    def generator(self, name):
+    def generator(self, name: str) -> np.random.Generator:
         words = (crc32(self.sequence.encode()), self.reference, self.source)
         stream = crc32(f"{self.branch}{name}".encode())
         return np.random.default_rng(np.random.SeedSequence([self.seed, *words, stream]))
@@ -180,7 +186,13 @@ class Group(NamedTuple):
     reference_variance: np.ndarray
 
 
-def groups(pair, settings, estimator, deviation, streams):
+def groups(
+    pair: Pair,
+    settings: Iterable[Setting],
+    estimator: Estimator,
+    deviation: np.ndarray,
+    streams: Streams,
+) -> Iterator[Group]:
     """The settings (plan.Setting) of a pair, as `Group`s.
 
     estimator: an estimators.Estimator; deviation (6,): standard deviation of xi at initial pose
@@ -204,7 +216,7 @@ def groups(pair, settings, estimator, deviation, streams):
             )
 
 
-def number_of_groups(settings, estimator):
+def number_of_groups(settings: Iterable[Setting], estimator: Estimator) -> int:
     """How many `groups` the settings of a pair are."""
     return len(_of_one_reference(settings, estimator)) * estimator.perturbing.noise_draws
 
@@ -215,7 +227,7 @@ def _of_one_reference(settings, estimator):
     return _grouped(settings, lambda s: (_branch(s, estimator), s.levels_of(on_reference)))
 
 
-def points_of_a_run(pair, setting, estimator, streams):
+def points_of_a_run(pair: Pair, setting: Setting, estimator: Estimator, streams: Streams) -> float:
     """How many source points the causes of a setting leave a run, in the mean of its runs.
 
     Counted on the raw source, before anything moves its points.
@@ -229,7 +241,7 @@ def points_of_a_run(pair, setting, estimator, streams):
     return float(np.mean(counts))
 
 
-def require_points(pair, setting, estimator, streams):
+def require_points(pair: Pair, setting: Setting, estimator: Estimator, streams: Streams) -> None:
     """Raise PerturbationError if the causes of a setting leave a run fewer than FEWEST_POINTS.
 
     In the mean of its runs: single ones may have too few links, and are then left out.
@@ -249,9 +261,9 @@ def require_points(pair, setting, estimator, streams):
         )
 
 
-def batches(starts, size):
+def batches(starts: Iterable[Start], size: int) -> Iterator[list[Start]]:
     """Consecutive starts with the same source points, at most `size` at once."""
-    batch = []
+    batch: list[Start] = []
     for start in starts:
         if batch and (len(batch) == size or start.source is not batch[0].source):
             yield batch
@@ -261,12 +273,12 @@ def batches(starts, size):
         yield batch
 
 
-def alike(starts, field="rows"):
+def alike(starts: Iterable[Start], field: str = "rows") -> Iterator[list[Start]]:
     """Lists of consecutive starts with the same `rows`, or the same `usable` points.
 
     Those with the same rows differ in their initial poses alone.
     """
-    same = []
+    same: list[Start] = []
     for start in starts:
         if same and getattr(start, field) is not getattr(same[0], field):
             yield same
@@ -276,8 +288,8 @@ def alike(starts, field="rows"):
         yield same
 
 
-def subsample(count, probability, generator):
-    """Rows out of `count` that random subsampling keeps, in ascending order.
+def subsample(count: int, probability: float, generator: np.random.Generator) -> np.ndarray:
+    """Rows (k,) out of `count` that random subsampling keeps, in ascending order.
 
     Drawn as gaps between kept rows, which are geometric: the law is that of one coin per row.
     """
@@ -295,7 +307,9 @@ def subsample(count, probability, generator):
 class Draws:
     """What the causes make of a pair with the draws that the settings of one branch share."""
 
-    def __init__(self, pair, estimator, deviation, streams):
+    def __init__(
+        self, pair: Pair, estimator: Estimator, deviation: np.ndarray | None, streams: Streams
+    ) -> None:
         self.pair = pair.for_chain(estimator.perturbing.minimum_range)
         self.perturbing = estimator.perturbing
         self.number = estimator.number_of_runs
@@ -310,15 +324,15 @@ class Draws:
         self.replacing = [cause for cause in causes if cause.replaces]
 
     @cached_property
-    def initial_pose_draws(self):
+    def initial_pose_draws(self) -> np.ndarray:
         """Standard normal (runs, 6); what run r draws does not depend on the number of runs."""
         return self.streams.generator("initial_pose").standard_normal((self.number, 6))
 
-    def shares(self):
-        """Numbers of the runs that each noise draw serves."""
+    def shares(self) -> list[np.ndarray]:
+        """Numbers (r,) of the runs that each noise draw serves."""
         return np.split(np.arange(self.number), self.perturbing.noise_draws)
 
-    def moved(self, setting, scan, noise_draw):
+    def moved(self, setting: Setting, scan: str, noise_draw: int) -> np.ndarray:
         """The reference or the source (n, 3) [m] of a setting, as it is measured."""
         points = getattr(self.pair, scan)
         for cause, level in self._moves(setting):
@@ -326,7 +340,7 @@ class Draws:
                 points = cause.move(points, scan, level, noise_draw, self.streams)
         return points
 
-    def seen_reference(self, setting, moved, noise_draw):
+    def seen_reference(self, setting: Setting, moved: np.ndarray, noise_draw: int) -> np.ndarray:
         """The reference (k, 3) [m] that an estimator sees, from the measured one (n, 3)."""
         points = moved
         for cause, level in self._moves(setting):
@@ -339,7 +353,7 @@ class Draws:
         levels = ((cause, setting.level(cause)) for cause in reversed(self.moving))
         return [(c, level) for c, level in levels if level != c.off or c.acts_when_off]
 
-    def noise_variance(self, setting, scan, points):
+    def noise_variance(self, setting: Setting, scan: str, points: np.ndarray) -> np.ndarray:
         """Variance [m^2] (n,) of the white noise on each coordinate of perturbed points (n, 3)."""
         variance = np.zeros(len(points))
         for cause, level in self._moves(setting):
@@ -347,7 +361,9 @@ class Draws:
                 variance += cause.noise_variance(points, scan, level)
         return variance
 
-    def starts(self, settings, reference, noise_draw, runs):
+    def starts(
+        self, settings: Iterable[Setting], reference: np.ndarray, noise_draw: int, runs: np.ndarray
+    ) -> Iterator[Start]:
         """The `Start` of each setting; those with the same source points one after the other.
 
         reference (n, 3) [m]: as it is measured; runs (r,): their numbers.
@@ -360,8 +376,8 @@ class Draws:
                 for _, same_rows in _grouped(same_mask, lambda s: s.levels_of(self.thinning)):
                     rows = self.subsamples(usable, same_rows[0], runs)
                     for setting in same_rows:
-                        initial = self._initial(setting, runs)
-                        yield Start(setting, left, usable, rows, *initial, variance)
+                        xi, T_initial, deviation = self._initial(setting, runs)
+                        yield Start(setting, left, usable, rows, xi, T_initial, deviation, variance)
 
     def _usable(self, setting, reference, source, noise_draw):
         """Source points (k, 3) of a setting, and which of them causes and range filter leave."""
@@ -382,12 +398,12 @@ class Draws:
                     "replaced by others.\nHint: only `overlap_removal: raw` goes with it."
                 )
 
-    def kept(self, setting, scan, noise_draw):
+    def kept(self, setting: Setting, scan: str, noise_draw: int) -> np.ndarray:
         """Mask of the raw rows of a scan that the voxel filter and the causes leave."""
         left, side = self.left(setting, scan, noise_draw), self.perturbing.voxel_size
         return left if side is None else left & _on_grid(self.pair, scan, side)
 
-    def left(self, setting, scan, noise_draw):
+    def left(self, setting: Setting, scan: str, noise_draw: int) -> np.ndarray:
         """Mask of the raw rows of a scan that the causes leave, before any filter."""
         left = np.ones(len(getattr(self.pair, scan)), dtype=bool)
         for cause, level in _on(self.keeping, setting):
@@ -395,7 +411,8 @@ class Draws:
                 left &= cause.keep(self.pair, scan, level, noise_draw, self.streams)
         return left
 
-    def in_range(self, points):
+    def in_range(self, points: np.ndarray) -> np.ndarray:
+        """Mask (n,) of the points (n, 3) [m] beyond the minimum range."""
         return np.linalg.norm(points, axis=1) > self.perturbing.minimum_range
 
     def _initial(self, setting, runs):
@@ -412,12 +429,17 @@ class Draws:
             return xi, T_reference_source @ se3.exp(xi), deviation
         return xi, se3.exp(-xi) @ T_reference_source, deviation
 
-    def subsamples(self, usable, setting, runs):
-        """Source rows that a setting leaves of the subsample of each run (`Start.rows`)."""
+    def subsamples(
+        self, usable: np.ndarray, setting: Setting, runs: np.ndarray
+    ) -> list[np.ndarray]:
+        """Source rows that a setting leaves of the subsamples of runs (r,): `Start.rows`.
+
+        usable (m,): which source points there are.
+        """
         runs = runs[:1] if self.one_subsample else runs
         return self.thinned(self.rows(usable, runs), setting, runs)
 
-    def rows(self, usable, runs):
+    def rows(self, usable: np.ndarray, runs: np.ndarray) -> list[np.ndarray]:
         """Source rows of each run: its subsample of the usable ones (m,), ascending.
 
         Runs with the same subsample get the same array.
@@ -430,8 +452,10 @@ class Draws:
             return [self._usable_rows(usable, 0)] * len(runs)
         return [self._usable_rows(usable, run) for run in runs]
 
-    def thinned(self, rows, setting, runs):
-        """Of the rows of each run, those that the causes of a setting leave."""
+    def thinned(
+        self, rows: list[np.ndarray], setting: Setting, runs: np.ndarray
+    ) -> list[np.ndarray]:
+        """Of the rows (k,) of each of the runs (r,), those that the causes of a setting leave."""
         for cause, level in _on(self.thinning, setting):
             count = len(self.pair.source)
             rows = [

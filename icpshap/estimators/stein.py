@@ -5,9 +5,12 @@ released, but for one thing: the width of the kernel is not differentiated (the 
 runs through a median into one arbitrary particle, and cannot be reproduced).
 """
 
+from __future__ import annotations
+
 from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -16,6 +19,12 @@ from icpshap.estimators._point_to_point import errors, minibatches_of, pose_of, 
 from icpshap.estimators.kind import Kind, Returns, Samples
 from icpshap.estimators.perturb import FEWEST_POINTS
 from icpshap.options import option
+
+if TYPE_CHECKING:
+    from icpshap import icp
+    from icpshap.estimators._point_to_point import Errors
+    from icpshap.estimators.perturb import Group
+
 
 FEWEST_LINKS = 3  # that determine a pose
 WINDOW = 10  # last iterations, over which a spread may not shrink any more
@@ -73,19 +82,19 @@ class Stein(Kind):
     )
 
     @property
-    def made_of(self):
+    def made_of(self) -> str:
         return "scatter of particles of Stein ICP"
 
-    def spread(self, noise_draws):
+    def spread(self, noise_draws: int) -> str:
         return (
             "The spread is that of particles that repel one another (Stein ICP), at a likelihood "
             f"of {self.likelihood_sigma:g} m a point, whatever the sensor's noise is."
         )
 
-    def number_of_runs(self, noise_draws):
+    def number_of_runs(self, noise_draws: int) -> int:
         return self.particles * noise_draws
 
-    def estimate(self, group):
+    def estimate(self, group: Group) -> Iterator[Samples]:
         from icpshap import icp  # compiled code is loaded where it runs, not where options are read
 
         match = icp.Matcher(icp.Reference(group.reference), 1)
@@ -100,7 +109,14 @@ class Stein(Kind):
             particles = posterior.normalised(pose_of(start.T_initial, near))
             yield self._samples(group, start, posterior, particles)
 
-    def posterior(self, source, rows, reference, match, batches):
+    def posterior(
+        self,
+        source: np.ndarray,
+        rows: np.ndarray,
+        reference: np.ndarray,
+        match: icp.Matcher,
+        batches: np.ndarray,
+    ) -> Posterior:
         """The `Posterior` of a pose, given source (m, 3) [m] of which `rows` are usable.
 
         reference (n, 3) [m]; match: an icp.Matcher on it; batches (iterations, b): rows of each.
@@ -118,7 +134,7 @@ class Stein(Kind):
         )
 
     def _samples(self, group, start, posterior, particles):
-        path = deque(maxlen=WINDOW + 1)
+        path: deque[np.ndarray] = deque(maxlen=WINDOW + 1)
         for now in moved(particles, posterior.score, self.iterations, self.learning_rate):
             if not np.isfinite(now).all():
                 return self._failed(group, start, "degenerate")
@@ -157,39 +173,46 @@ class Posterior:
 
     def __init__(
         self,
-        source,
-        reference,
-        match,
-        batches,
-        points,
-        scale,
-        maximum_distance,
-        likelihood_sigma,
-    ):
+        source: np.ndarray,
+        reference: np.ndarray,
+        match: icp.Matcher,
+        batches: np.ndarray,
+        points: int,
+        scale: float,
+        maximum_distance: float,
+        likelihood_sigma: float,
+    ) -> None:
         self.source, self.reference, self.match = source, reference, match
         self.batches = batches
         self.limit = maximum_distance * scale
         self.unit = np.repeat([scale, 1.0], 3)
         # The mean gradient, of normalised errors by normalised poses, times the number of points.
         self.factor = -points / (scale * likelihood_sigma**2) * self.unit
-        self.last = None
+        self.last: Errors | None = None
 
-    def normalised(self, poses):
+    def normalised(self, poses: np.ndarray) -> np.ndarray:
+        """Particles (k, 6) of poses (k, 6) [m, rad]."""
         return poses / self.unit
 
-    def metric(self, particles):
+    def metric(self, particles: np.ndarray) -> np.ndarray:
         """Poses (k, 6) [m, rad]."""
         return particles * self.unit
 
-    def score(self, iteration, particles):
+    def score(self, iteration: int, particles: np.ndarray) -> np.ndarray:
         """Gradient (k, 6) of the log density on the mini-batch of an iteration."""
         batch = self.source[self.batches[iteration]]
         poses = self.metric(particles)
-        self.last = errors(poses, batch, self.reference, self.match, self.limit)
-        return self.factor * self.last.gradient
+        last = errors(poses, batch, self.reference, self.match, self.limit)
+        self.last = last
+        return self.factor * last.gradient
 
 
-def moved(particles, score, iterations, learning_rate):
+def moved(
+    particles: np.ndarray,
+    score: Callable[[int, np.ndarray], np.ndarray],
+    iterations: int,
+    learning_rate: float,
+) -> Iterator[np.ndarray]:
     """Yields the particles (k, d) after each iteration of Stein variational gradient ascent.
 
     score(iteration, particles): gradient (k, d) of the log density at each. By Adam.
@@ -205,7 +228,7 @@ def moved(particles, score, iterations, learning_rate):
         yield particles
 
 
-def direction(particles, scores):
+def direction(particles: np.ndarray, scores: np.ndarray) -> np.ndarray:
     """Direction (k, d) in which particles (k, d) move, given their scores (Stein ICP, Eq. 6).
 
     NaN if most particles coincide.
@@ -219,7 +242,7 @@ def direction(particles, scores):
     return (attraction + repulsion) / len(particles)
 
 
-def still_shrinks(before, after):
+def still_shrinks(before: np.ndarray, after: np.ndarray) -> bool:
     """Whether the spread of particles (k, 6) is smaller than before, in the mean by over 10 %."""
     change = np.log(after.std(axis=0) / before.std(axis=0)).mean()
     return change < np.log(1 - SHRINKS)

@@ -5,8 +5,11 @@ as released with `SVN_full_grad: false`, but for its candidates: each point's ma
 of all reference points, not of 100.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,6 +19,10 @@ from icpshap.estimators._particles import differences, lower_median
 from icpshap.estimators.kind import Kind, Returns, Samples
 from icpshap.estimators.perturb import FEWEST_POINTS
 from icpshap.options import option
+
+if TYPE_CHECKING:
+    from icpshap.estimators.perturb import Group
+
 
 FEWEST_LINKS = 3  # that determine a pose
 DAMPING = 1e-6  # on the diagonal of every Hessian
@@ -73,19 +80,19 @@ class SteinNewton(Kind):
     )
 
     @property
-    def made_of(self):
+    def made_of(self) -> str:
         return "scatter of particles of SVN-ICP"
 
-    def spread(self, noise_draws):
+    def spread(self, noise_draws: int) -> str:
         return (
             "The spread is that of particles that take Newton steps (SVN-ICP) at a likelihood of "
             "1 m a point of one subsample, whatever the sensor's noise is."
         )
 
-    def number_of_runs(self, noise_draws):
+    def number_of_runs(self, noise_draws: int) -> int:
         return self.particles * noise_draws
 
-    def estimate(self, group):
+    def estimate(self, group: Group) -> Iterator[Samples]:
         from icpshap import icp  # compiled code is loaded where it runs, not where options are read
 
         match = icp.Matcher(icp.Reference(group.reference), 1)
@@ -115,7 +122,13 @@ class SteinNewton(Kind):
             moved.links / max(1, len(source)),
         )
 
-    def moved(self, T_initial, T_mean, source, nearest):
+    def moved(
+        self,
+        T_initial: np.ndarray,
+        T_mean: np.ndarray,
+        source: np.ndarray,
+        nearest: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    ) -> Particles:
         """The `Particles` that begin at T_initial (k, 4, 4), on source points (n, 3) [m].
 
         T_mean (4, 4): the pose to which their coordinates refer; nearest(points): of points (m, 3)
@@ -133,8 +146,8 @@ class SteinNewton(Kind):
             relative = stepped(relative, steps)
             stopped = np.linalg.norm(steps, axis=1).mean() < self.stop
             iterations += 1
-        status = "ok" if stopped else "max_iterations"
-        status = np.where(found.links < FEWEST_LINKS, "too_few_links", status)
+        ended = "ok" if stopped else "max_iterations"
+        status = np.where(found.links < FEWEST_LINKS, "too_few_links", ended)
         return Particles(T_mean @ relative, iterations, status, found.links, found.rmse)
 
 
@@ -148,8 +161,8 @@ class Particles(NamedTuple):
     rmse: np.ndarray
 
     @classmethod
-    def failed(cls, T_initial, status):
-        """Particles that stay where they begin."""
+    def failed(cls, T_initial: np.ndarray, status: str) -> Particles:
+        """Particles that stay where they begin, (k, 4, 4)."""
         number = len(T_initial)
         nothing = np.zeros(number), np.full(number, np.nan)
         return cls(T_initial, 0, np.full(number, status), *nothing)
@@ -164,7 +177,12 @@ class Linearisation(NamedTuple):
     rmse: np.ndarray
 
 
-def linearise(T, source, nearest, limit):
+def linearise(
+    T: np.ndarray,
+    source: np.ndarray,
+    nearest: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    limit: float | None,
+) -> Linearisation:
     """The `Linearisation` at poses T (k, 4, 4), by the translation and rotation of `stepped`.
 
     source (n, 3) [m]; nearest: as in `SteinNewton.moved`; limit: the option maximum_distance.
@@ -184,12 +202,12 @@ def linearise(T, source, nearest, limit):
     return Linearisation(hessian + DAMPING * np.eye(6), gradient, links, rmse)
 
 
-def coordinates(T):
+def coordinates(T: np.ndarray) -> np.ndarray:
     """Translation and rotation vector (k, 6) of transformations (k, 4, 4)."""
     return np.concatenate([T[:, :3, 3], Rotation.from_matrix(T[:, :3, :3]).as_rotvec()], axis=1)
 
 
-def newton_steps(particles, hessian, gradient):
+def newton_steps(particles: np.ndarray, hessian: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """Steps (k, 6) of particles (k, 6): Newton's, averaged by the kernel, and the repulsion.
 
     hessian (k, 6, 6), gradient (k, 6): of each. NaN if most particles coincide.
@@ -200,8 +218,10 @@ def newton_steps(particles, hessian, gradient):
     return (np.einsum("ij,jd->id", kernel, own) + apart) / kernel.sum(axis=1)[:, None]
 
 
-def full_newton_steps(particles, hessian, gradient):
-    """The same by the Newton step of the Stein functional itself, block by block.
+def full_newton_steps(
+    particles: np.ndarray, hessian: np.ndarray, gradient: np.ndarray
+) -> np.ndarray:
+    """The same (k, 6) by the Newton step of the Stein functional itself, block by block.
 
     Detommaso, Cui, Spantini, Marzouk, Scheichl, "A Stein variational Newton method" (NeurIPS 2018),
     Eq. 19 with a block diagonal matrix.
@@ -215,7 +235,7 @@ def full_newton_steps(particles, hessian, gradient):
     return np.linalg.solve(curvature, right[..., None])[..., 0]
 
 
-def kernels(particles):
+def kernels(particles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Kernel (k, k) of particles (k, 6), and how each pushes another away (k, k, 6)."""
     difference, squared = differences(particles)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -224,7 +244,7 @@ def kernels(particles):
         return kernel, 2 / width * kernel[..., None] * difference
 
 
-def stepped(T, steps):
+def stepped(T: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """Transformations (k, 4, 4) after steps (k, 6), translation first.
 
     As released, the translation of exp(step) is turned by the new rotation, not by the old one.

@@ -3,8 +3,11 @@
 Brossard, Bonnabel, Barrau, "A new approach to 3D ICP covariance estimation" (RA-L 2020).
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -13,6 +16,11 @@ from icpshap.estimators import perturb
 from icpshap.estimators.closed_form import ClosedForm
 from icpshap.estimators.kind import GOOD_STATUS, Covariance, of_definite
 from icpshap.options import option
+
+if TYPE_CHECKING:
+    from icpshap.estimators.kind import Returns
+    from icpshap.estimators.perturb import Group
+
 
 SIGMA_POINTS = 13
 FAR_TRANSLATION, FAR_ROTATION = 0.1, np.deg2rad(2.0)  # m, rad; one such point is 1/12 of all
@@ -42,7 +50,7 @@ class Unscented(ClosedForm):
         "large as the noise; it hides what other causes do",
     )
 
-    def spread(self, noise_draws):
+    def spread(self, noise_draws: int) -> str:
         bias = " and of a bias of all points as large" * self.bias
         return (
             "The covariance is the scatter of the ends of 12 sigma points of the initial pose "
@@ -50,17 +58,17 @@ class Unscented(ClosedForm):
             f"{bias} does there in closed form, {self._told} (Brossard)."
         )
 
-    def returned(self, noise_draws):
+    def returned(self, noise_draws: int) -> Returns:
         # How much of it the sensor's own noise makes is not kept apart.
         return self.returns
 
     @property
-    def made_of(self):
+    def made_of(self) -> str:
         bias = ", and a bias" * self.bias
         return f"scatter of {SIGMA_POINTS} sigma points, and {super().made_of}{bias}"
 
     @property
-    def conflict(self):
+    def conflict(self) -> str:
         if self.bias and self.metric == "point_to_point":
             return (
                 "bias: is along the normals, which point_to_point has none of. "
@@ -68,10 +76,10 @@ class Unscented(ClosedForm):
             )
         return ""
 
-    def number_of_runs(self, noise_draws):
+    def number_of_runs(self, noise_draws: int) -> int:
         return SIGMA_POINTS * noise_draws
 
-    def estimate(self, group):
+    def estimate(self, group: Group) -> Iterator[Covariance]:
         from icpshap import icp
 
         reference = self.reference(group.reference)
@@ -113,7 +121,7 @@ class Unscented(ClosedForm):
 # --- the mathematics ------------------------------------------------------------------------------
 
 
-def sigma_points(deviation):
+def sigma_points(deviation: np.ndarray) -> np.ndarray:
     """Sigma points xi (13, 6) of independent coordinates of that standard deviation (6,).
 
     0, and plus and minus the rows of the Cholesky factor of 6 times the covariance.
@@ -122,12 +130,12 @@ def sigma_points(deviation):
     return np.concatenate([np.zeros((1, 6)), rows, -rows])
 
 
-def composed(T, xi, composition):
+def composed(T: np.ndarray, xi: np.ndarray, composition: str) -> np.ndarray:
     """Poses (k, 4, 4) at xi (k, 6) from the pose T (4, 4), on its right or on its left."""
     return T @ se3.exp(xi) if composition == "right" else se3.exp(xi) @ T
 
 
-def scatter(T, composition):
+def scatter(T: np.ndarray, composition: str) -> np.ndarray:
     """Sum of xi xi^T / 12 (6, 6) over the poses T (13, 4, 4), about the first: on its right.
 
     xi is taken on the right of the first pose, or on its left and then moved to the right; it is
@@ -141,14 +149,14 @@ def scatter(T, composition):
     return xi.T @ xi / len(xi)
 
 
-def far(T):
+def far(T: np.ndarray) -> int:
     """How many of the ends T (13, 4, 4) lie in another basin than the first, whatever the noise."""
     xi = se3.log(se3.inverse(T[0]) @ T[1:])
     beyond = np.linalg.norm(xi[:, :3], axis=1) > FAR_ROTATION
-    return np.count_nonzero(beyond | (np.linalg.norm(xi[:, 3:], axis=1) > FAR_TRANSLATION))
+    return int(np.count_nonzero(beyond | (np.linalg.norm(xi[:, 3:], axis=1) > FAR_TRANSLATION)))
 
 
-def worst(status):
+def worst(status: Iterable[str]) -> str:
     """The status of an estimate that many registrations make: one that failed, or did not rest."""
     for state in ("too_few_links", "degenerate", "max_iterations"):
         if state in status:

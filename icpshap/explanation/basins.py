@@ -4,11 +4,17 @@ Distances between runs count a rotation by what it moves at the pair's character
 what is far is measured by how the setting's own runs lie, so that a wide cloud is one basin.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from icpshap.explanation.patterns import alike
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
 
 NEIGHBOUR = 5
 GAP_FACTOR = 2.5
@@ -33,7 +39,7 @@ class Basins(NamedTuple):
     lacking: np.ndarray
 
 
-def find_basins(xi, length, translation, rotation):
+def find_basins(xi: ArrayLike, length: float, translation: float, rotation: float) -> Basins:
     """`Basins` of settings with pose errors xi (..., n, 6) [rad, m]; a failed run is NaN.
 
     length [m]: the pair's characteristic length L; translation [m], rotation [rad]: the limits. The

@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def effective_sample_size(states):
+def effective_sample_size(states: np.ndarray) -> float:
     """The smallest effective sample size of the coordinates of a chain's states (n, d), n >= 4.
 
     n / (1 + 2 sum of the autocorrelations), summed in pairs of lags as long as they are positive,

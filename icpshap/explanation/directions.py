@@ -5,7 +5,10 @@ metres and radians. Directions are the axes of the reference frame at the source
 and the weakest one of the instance.
 """
 
+from __future__ import annotations
+
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -21,6 +24,14 @@ from icpshap.explanation.uncertainty import (
     mean_of_games,
     over_replicates,
 )
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from icpshap.explanation.method import Method
+    from icpshap.explanation.sample import Sample
+    from icpshap.explanation.scan_pair import ScanPair
+
 
 AXES = {
     "rotation_x": "roll",
@@ -39,7 +50,13 @@ QUANTILE = 0.95
 SETTINGS_AT_ONCE = 4096
 
 
-def directions_table(replicates, instances, rows, method, pair):
+def directions_table(
+    replicates: list[Sample],
+    instances: pd.DataFrame,
+    rows: list[np.ndarray],
+    method: Method,
+    pair: ScanPair,
+) -> pd.DataFrame:
     """A row for each direction of each instance, and for the growth of both squared errors.
 
     replicates: list of `sample.Sample`; rows (i, 2^M): of each, the settings of the coalitions of
@@ -74,7 +91,9 @@ def directions_table(replicates, instances, rows, method, pair):
     return table.sort_values("instance", kind="stable", ignore_index=True)
 
 
-def weakest_directions(replicates, rows, method, scaled):
+def weakest_directions(
+    replicates: list[Sample], rows: list[np.ndarray], method: Method, scaled: np.ndarray
+) -> np.ndarray:
     """Unit vectors (i, 6) along which the covariance with all causes on is largest.
 
     scaled (6, 6): from pose errors to metres in the reference's axes. Of either sign that makes the
@@ -90,10 +109,13 @@ def weakest_directions(replicates, rows, method, scaled):
     return vectors
 
 
-def in_words(vector):
+def in_words(vector: ArrayLike) -> str:
     """A direction (6,) in words, as in 'along x, yaw': its components, the largest first.
 
     Rotation in units of 1/L, as `weakest_directions` gives it; small components are not named.
+
+    >>> in_words(np.array([0, 0, 0.6, 0.8, 0, 0]))
+    'along x, yaw'
     """
     shares = np.square(vector)
     named = [k for k in np.argsort(-shares, kind="stable") if shares[k] >= NAMED_SHARE]
@@ -200,7 +222,9 @@ def _quantiles_of(sample, error, rows):
     return Estimate(value[rows], low[rows], high[rows], np.full(rows.shape, np.nan))
 
 
-def quantiles_with_interval(values, noise_draw):
+def quantiles_with_interval(
+    values: np.ndarray, noise_draw: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The 95 % quantile of values (..., n) with the ends of its interval, (...) each.
 
     A failed run is NaN; noise_draw (n,): the draw of each. The ends are the quantiles at the ends

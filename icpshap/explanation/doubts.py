@@ -1,5 +1,9 @@
 """What makes a number doubtful: the null, the A/A value, the floor's share, memory, and remarks."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from icpshap.explanation import readings
@@ -7,11 +11,16 @@ from icpshap.explanation.patterns import alike
 from icpshap.explanation.sample import FEWEST_RUNS
 from icpshap.explanation.uncertainty import estimate, kept_runs, perturbed
 
+if TYPE_CHECKING:
+    from icpshap.explanation.method import Method
+    from icpshap.explanation.sample import Sample
+
+
 AGAIN_PROBABILITY = 0.99
 LARGE_SHARE = 0.5  # of the clean variance, from which floor or memory are named
 
 
-def clean_again(sample, method):
+def clean_again(sample: Sample, method: Method) -> float:
     """The A/A value: f between the clean setting and its repetition.
 
     NaN if that was not run, and for samples that are not independent of one another.
@@ -23,14 +32,14 @@ def clean_again(sample, method):
     return estimate(sample, game, perturbed, method, intervals=False).value[0, 0]
 
 
-def independent(n_used, sample, games):
+def independent(n_used: np.ndarray, sample: Sample, games: np.ndarray) -> np.ndarray:
     """How many independent samples (i,) the settings of games (i, g) have, at least."""
     if sample.returns.chain:
         return np.nan_to_num(sample.effective[games].min(axis=1)).astype(int)
     return n_used
 
 
-def null(n_used, sample, method):
+def null(n_used: np.ndarray, sample: Sample, method: Method) -> np.ndarray:
     """Mean and 95 % quantile of f where nothing is perturbed, for independent runs: (...) each.
 
     n_used: of `independent`. 0 for a deterministic estimator, whose f is exactly that; NaN where
@@ -49,13 +58,13 @@ def null(n_used, sample, method):
     return found[:, inverse]
 
 
-def null_quantile(method, n, probability):
+def null_quantile(method: Method, n: int, probability: float) -> float:
     """Quantile of f where nothing is perturbed, for n independent Gaussian runs."""
     corrected = method.bias_correction != "none"
     return readings.null_quantile(method.divergence, int(n), probability, corrected)
 
 
-def degeneracy(sample, games, method):
+def degeneracy(sample: Sample, games: np.ndarray, method: Method) -> dict[str, np.ndarray]:
     """How far the covariance of the last setting of each game (i, g) can be trusted, by column.
 
     logdet, condition and smallest_standard_deviation of the covariance with its floor, rad and m
@@ -84,7 +93,7 @@ def degeneracy(sample, games, method):
     return columns
 
 
-def memory(initial_xi, xi):
+def memory(initial_xi: np.ndarray, xi: np.ndarray) -> np.ndarray:
     """Largest share of a component's variance in xi (..., n, 6) that is linear in initial_xi.
 
     The adjusted R^2, (...): about 0 where ICP converged, for then it has forgotten where it
@@ -104,7 +113,9 @@ def memory(initial_xi, xi):
     return np.maximum(0.0, share.max(axis=-1))
 
 
-def remarks(sample, method, n_used, clean_floor_share, clean_memory):
+def remarks(
+    sample: Sample, method: Method, n_used: int, clean_floor_share: float, clean_memory: float
+) -> str:
     """What makes f or phi doubtful, in words; empty if nothing does."""
     found = []
     if method.reading.needs_samples and not sample.returns.samples:
@@ -129,7 +140,14 @@ def remarks(sample, method, n_used, clean_floor_share, clean_memory):
     return "; ".join(found)
 
 
-def remarks_of_games(replicates, rows, n_used, n_right_basin, f_again, method):
+def remarks_of_games(
+    replicates: list[Sample],
+    rows: list[np.ndarray],
+    n_used: np.ndarray,
+    n_right_basin: np.ndarray,
+    f_again: float,
+    method: Method,
+) -> list[str]:
     """A text for each of the games rows (i, g): `remarks`, and what basins and A/A value tell.
 
     replicates: list of `Sample`, rows: of each; n_used, n_right_basin (i,): runs left, and those
@@ -165,13 +183,13 @@ def remarks_of_games(replicates, rows, n_used, n_right_basin, f_again, method):
     return texts
 
 
-def most_far(replicates, rows):
+def most_far(replicates: list[Sample], rows: list[np.ndarray]) -> np.ndarray:
     """Sigma points (i,) in another basin, in that setting and draw of a game (i, g) with most."""
     far = [np.broadcast_to(sample.far, len(sample.settings)) for sample in replicates]
     return np.max([of[row].max(axis=1) for of, row in zip(far, rows, strict=True)], axis=0)
 
 
-def no_interval(replicates):
+def no_interval(replicates: list[Sample]) -> str:
     """Why numbers of these samples have no interval; "" if they have one."""
     first = replicates[0]
     if len(replicates) > 1 or first.units or not first.xi.shape[1]:

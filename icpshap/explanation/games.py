@@ -1,7 +1,11 @@
 """What each cause contributes to the uncertainty of a pair, and how sure that is: its tables."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -37,6 +41,14 @@ from icpshap.explanation.uncertainty import (
 )
 from icpshap.tables import COVARIANCE, TRANSFORM
 
+if TYPE_CHECKING:
+    import shap
+    from numpy.typing import ArrayLike
+
+    from icpshap.estimators.kind import Returns
+    from icpshap.explanation.method import Method
+    from icpshap.explanation.scan_pair import ScanPair
+
 
 @dataclass(frozen=True)
 class Explained:
@@ -66,12 +78,14 @@ QUANTITIES = {
 }
 
 
-def quantities(game):
+def quantities(game: np.ndarray) -> np.ndarray:
     """All `QUANTITIES` of games (..., 2^M), side by side."""
     return np.concatenate([read(game) for read in QUANTITIES.values()], axis=-1)
 
 
-def explain_games(replicates, rows, method, **options):
+def explain_games(
+    replicates: list[Sample], rows: list[np.ndarray], method: Method, **options: Any
+) -> Explained:
     """`Explained` of games, rows (i, 2^M) of each replicate; options: of `estimate`.
 
     With several replicates values are means over them, and their spread gives the intervals.
@@ -105,7 +119,16 @@ class Explanation(NamedTuple):
     covariances: pd.DataFrame
 
 
-def explain(runs, estimates, instances, off, returns, method, pair, reason=""):
+def explain(
+    runs: pd.DataFrame | None,
+    estimates: pd.DataFrame | None,
+    instances: pd.DataFrame,
+    off: Mapping[str, float],
+    returns: Returns,
+    method: Method,
+    pair: ScanPair,
+    reason: str = "",
+) -> Explanation:
     """The `Explanation` of one pair.
 
     runs, estimates: its tables (None if not returned); instances: table with `instance` and a
@@ -113,7 +136,7 @@ def explain(runs, estimates, instances, off, returns, method, pair, reason=""):
     `scan_pair.ScanPair`. With a reason the pair was not registered: the tables hold NaN and that
     reason.
     """
-    reference = list(off.values())
+    reference = np.array(list(off.values()))
     games = shapley.coalition_values(instances[list(off)], reference)
     if reason:
         settings = np.unique(games.reshape(-1, len(off)), axis=0)
@@ -146,7 +169,7 @@ def _of_pair(pair, table, **columns):
     return pd.concat([named, table, pd.DataFrame(columns, index=table.index)], axis=1)
 
 
-def uncertainty_table(sample, reference, method):
+def uncertainty_table(sample: Sample, reference: ArrayLike, method: Method) -> pd.DataFrame:
     """A row per setting: f with its interval and null, runs left out, errors, degeneracy.
 
     reference (M,): the reference values of the causes, the clean setting.
@@ -195,7 +218,7 @@ def uncertainty_table(sample, reference, method):
     )
 
 
-def covariances_table(sample, reference, method):
+def covariances_table(sample: Sample, reference: ArrayLike, method: Method) -> pd.DataFrame:
     """A row per setting: the covariance of the runs that its f is read off, without a floor.
 
     Of readings that are of no covariance, those that f would be if it were. Arguments as of
@@ -216,13 +239,19 @@ def covariances_table(sample, reference, method):
     )
 
 
-def games_of_settings(sample, reference):
+def games_of_settings(sample: Sample, reference: ArrayLike) -> np.ndarray:
     """A game (S, 2) of each setting: the clean one, at reference values (M,), and itself."""
     settings = np.arange(len(sample.settings))
     return np.column_stack([np.full_like(settings, sample.rows(reference)), settings])
 
 
-def shap_table(replicates, instances, rows, off, method):
+def shap_table(
+    replicates: list[Sample],
+    instances: pd.DataFrame,
+    rows: list[np.ndarray],
+    off: Mapping[str, float],
+    method: Method,
+) -> pd.DataFrame:
     """A row per instance: f, Shapley values and interactions with intervals, and sensitivities.
 
     replicates: list of `Sample`; rows: of each, those (i, 2^M) of the settings of each instance's
@@ -233,21 +262,17 @@ def shap_table(replicates, instances, rows, off, method):
     found = explain_games(replicates, rows, method)
     shares = explain_shares(replicates, rows, on, method)
     if method.reading.counts_failed:
-        of_shares = {
-            "f": shares.share,
-            "phi": shares.phi,
-            "removal": shares.removal,
-            "interactions": shares.interactions,
-        }
         found = replace(
             found,
-            **{
-                name: with_ends(getattr(found, name), part.low, part.high)
-                for name, part in of_shares.items()
-            },
+            f=with_ends(found.f, shares.share.low, shares.share.high),
+            phi=with_ends(found.phi, shares.phi.low, shares.phi.high),
+            removal=with_ends(found.removal, shares.removal.low, shares.removal.high),
+            interactions=with_ends(
+                found.interactions, shares.interactions.low, shares.interactions.high
+            ),
         )
     n_used = found.n_used.min(axis=0)
-    f_again = np.mean([clean_again(sample, method) for sample in replicates])
+    f_again = float(np.mean([clean_again(sample, method) for sample in replicates]))
     variants = {
         "all": explain_games(replicates, rows, method, leave_out=False, intervals=False),
         "right_basin": explain_games(replicates, rows, method, leave_out=True, intervals=False),
@@ -296,8 +321,9 @@ def _of_other_sensor(replicates, rows, method, times):
 
     NaN where the spread does not hold it, and for readings that are not of covariances.
     """
-    others = [with_sensor_sigma(sample, times) for sample in replicates]
-    if others[0] is None or not method.reading.compares_with_clean:
+    found = [with_sensor_sigma(sample, times) for sample in replicates]
+    others = [sample for sample in found if sample is not None]
+    if not others or not method.reading.compares_with_clean:
         others = [Sample.without_runs(s.causes, s.settings, s.returns) for s in replicates]
     return explain_games(others, rows, method, intervals=False)
 
@@ -354,14 +380,23 @@ def _runs_anywhere(marks, rows):
     return sum(mark[row].any(axis=1).sum(axis=1) for mark, row in zip(marks, rows, strict=True))
 
 
-def resampled_values(runs, estimates, instances, off, returns, method, pair, number=200):
+def resampled_values(
+    runs: pd.DataFrame | None,
+    estimates: pd.DataFrame | None,
+    instances: pd.DataFrame,
+    off: Mapping[str, float],
+    returns: Returns,
+    method: Method,
+    pair: ScanPair,
+    number: int = 200,
+) -> pd.DataFrame:
     """Shapley values of bootstrap samples of a pair's runs: a row per instance and resample.
 
     Arguments as of `explain`. Whole noise draws are drawn again where there are several. Each
     resample is mirrored at the value of the shap table (basic bootstrap), so that the rows spread
     as the truth may; where nothing varies, they do not.
     """
-    games = shapley.coalition_values(instances[list(off)], list(off.values()))
+    games = shapley.coalition_values(instances[list(off)], np.array(list(off.values())))
     mirrored = np.mean(
         [
             _mirrored(sample, sample.rows(games), method, number)
@@ -391,12 +426,12 @@ def _mirrored(sample, rows, method, number):
     return result
 
 
-def load_explanation(path):
+def load_explanation(path: str | Path) -> shap.Explanation:
     """The shap.Explanation of a shap.parquet; see `shap_explanation`. Raises UserError as that."""
     return shap_explanation(pd.read_parquet(path), path)
 
 
-def shap_explanation(table, where="the table"):
+def shap_explanation(table: pd.DataFrame, where: str | Path = "the table") -> shap.Explanation:
     """The shap.Explanation of a shap table: values, base values, data, names and bounds.
 
     Rows without a value (`reason` or `warning` says why) are left out. Raises UserError if the

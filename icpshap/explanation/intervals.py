@@ -6,6 +6,8 @@ makes them depend on one another, and covariances, have no other units. A unit i
 setting of a pair at once.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -29,7 +31,15 @@ class Resampling:
     bootstrap: slice
 
     @classmethod
-    def of(cls, kept, noise_draw, jackknife=True, bootstrap=0, seed=0, exchangeable=True):
+    def of(
+        cls,
+        kept: np.ndarray,
+        noise_draw: np.ndarray,
+        jackknife: bool = True,
+        bootstrap: int = 0,
+        seed: int = 0,
+        exchangeable: bool = True,
+    ) -> Resampling:
         """Resampling of the runs that are kept, bool (n,); noise_draw (n,) is the draw of each.
 
         jackknife: whether to leave out units (and runs); bootstrap: number of bootstrap rows;
@@ -53,12 +63,12 @@ class Resampling:
         ends = np.cumsum([len(part) for part in parts])
         return cls(np.concatenate(parts), *(slice(a, b) for a, b in pairwise(ends)))
 
-    def jackknife(self, values):
+    def jackknife(self, values: np.ndarray) -> np.ndarray:
         """Bias-corrected estimate m f - (m - 1) mean f_(-u) over m units: (r, ...) to (...)."""
         left_out = values[self.units]
         return len(left_out) * values[0] - (len(left_out) - 1) * left_out.mean(axis=0)
 
-    def interval(self, values):
+    def interval(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Low and high end (...) from values (r, ...): by bootstrap if it was drawn, or jackknife.
 
         Both are intervals for the true value, free of the bias that values[0] may have: the
@@ -68,15 +78,17 @@ class Resampling:
         upper = (1 + CONFIDENCE) / 2
         if self.bootstrap.start < self.bootstrap.stop:
             quantiles = np.quantile(values[self.bootstrap], [upper, 1 - upper], axis=0)
-            return tuple(2 * values[0] - quantiles)
+            low, high = 2 * values[0] - quantiles
+            return low, high
         left_out = values[self.units]
         if len(left_out) == 0:
-            return np.full((2, *values.shape[1:]), np.nan)
+            nothing = np.full(values.shape[1:], np.nan)
+            return nothing, nothing
         half = np.sqrt(jackknife_variance(left_out)) * stdtrit(len(left_out) - 1, upper)
         middle = self.jackknife(values)
         return middle - half, middle + half
 
-    def draw_variance_ratio(self, values):
+    def draw_variance_ratio(self, values: np.ndarray) -> np.ndarray:
         """Jackknife variance over whole noise draws, divided by that over runs, (...).
 
         About 1 where the noise draws add nothing to what the runs vary; NaN for one noise draw.
@@ -88,13 +100,15 @@ class Resampling:
         return np.divide(between, within, out=np.full_like(within, np.nan), where=within > 0)
 
 
-def jackknife_variance(left_out):
+def jackknife_variance(left_out: np.ndarray) -> np.ndarray:
     """Variance of an estimate from its leave-one-out values (m, ...), to (...)."""
     m = len(left_out)
     return (m - 1) / m * np.square(left_out - left_out.mean(axis=0)).sum(axis=0)
 
 
-def wilson(share, number, quantile):
+def wilson(
+    share: np.ndarray | float, number: np.ndarray | int, quantile: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray]:
     """Wilson's interval (low, high) of a share of `number` trials."""
     square = quantile**2
     middle = (share + square / (2 * number)) / (1 + square / number)
@@ -105,7 +119,9 @@ def wilson(share, number, quantile):
     return low, np.where(share >= 1, 1.0, np.minimum(middle + half, 1.0))
 
 
-def of_units(share, by_unit, number):
+def of_units(
+    share: np.ndarray | float, by_unit: np.ndarray, number: np.ndarray | int
+) -> tuple[np.ndarray, np.ndarray]:
     """How many independent runs would vary as much as units do, and the quantile of Student's t.
 
     share (...) of `number` runs; by_unit (..., u): that of each unit, NaN for one without runs.
@@ -120,7 +136,9 @@ def of_units(share, by_unit, number):
     return np.minimum(size, number), stdtrit(units - 1, (1 + CONFIDENCE) / 2)
 
 
-def independent_runs(share, marked, weight, noise_draw):
+def independent_runs(
+    share: np.ndarray | float, marked: np.ndarray, weight: np.ndarray, noise_draw: np.ndarray
+) -> tuple[np.ndarray | int, np.ndarray | float]:
     """The same (...) of a share of runs that are marked (..., n), over noise draws (n,).
 
     weight (..., n): what a run counts, with mean 1 over those that do. With one draw all runs are
@@ -138,7 +156,7 @@ def independent_runs(share, marked, weight, noise_draw):
     return of_units(share, by_draw, number)
 
 
-def mean_interval(values):
+def mean_interval(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean of independent values (m, ...) with the ends of its interval, each (...)."""
     m = len(values)
     half = values.std(axis=0, ddof=1) / np.sqrt(m) * stdtrit(m - 1, (1 + CONFIDENCE) / 2)

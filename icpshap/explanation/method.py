@@ -1,5 +1,7 @@
 """How estimates become numbers: the options of reading f and its interval."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,33 +63,33 @@ class Method:
     seed: int = 0
 
     @property
-    def reading(self):
+    def reading(self) -> readings.Reading:
         return readings.READINGS[self.divergence]
 
     @property
-    def of_covariances(self):
+    def of_covariances(self) -> Method:
         """The same for what is read off covariances, in which failed runs never count."""
         return self if self.reading.compares_with_clean else replace(self, divergence="kl")
 
     @property
-    def of_errors(self):
+    def of_errors(self) -> Method:
         """The same for squared errors, which need no covariance."""
         return replace(self, divergence="translation_rmse")
 
     @property
-    def floor(self):
+    def floor(self) -> tuple[float, float]:
         return self.covariance_floor_rotation, self.covariance_floor_translation
 
     @property
-    def basin(self):
+    def basin(self) -> tuple[float, float]:
         """Limits of the basin: translation [m] and rotation [rad]."""
         return self.wrong_basin_translation, np.deg2rad(self.wrong_basin_rotation)
 
     @property
-    def leaves_out_wrong_basins(self):
+    def leaves_out_wrong_basins(self) -> bool:
         return self.wrong_basins == "leave_out"
 
-    def with_floor(self, factor):
+    def with_floor(self, factor: float) -> Method:
         """The same with `factor` times the covariance floor (as a standard deviation)."""
         rotation, translation = (factor * floor for floor in self.floor)
         return replace(

@@ -5,7 +5,7 @@ from collections import defaultdict
 import numpy as np
 
 
-def alike(marks):
+def alike(marks: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """The different rows of marks (i, n), and with each the numbers (k,) of the rows that have it.
 
     In the order in which they first come up. A tenth of the time of `np.unique` over rows.

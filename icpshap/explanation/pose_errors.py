@@ -1,17 +1,24 @@
 """How far the runs of each setting are from the truth: columns of the uncertainty table."""
 
+from __future__ import annotations
+
 import warnings
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from icpshap.explanation import readings
 
+if TYPE_CHECKING:
+    from icpshap.explanation.sample import Sample
+
+
 SUCCESS_TRANSLATION = 0.1  # m
 SUCCESS_ROTATION = np.deg2rad(2.0)
 
 
-def pose_error_columns(sample):
-    """Errors about the ground truth of the runs that did not fail, wrong basins included."""
+def pose_error_columns(sample: Sample) -> dict[str, np.ndarray]:
+    """Errors (S,) about the ground truth of runs that did not fail, wrong basins included."""
     translation, rotation = (
         np.where(sample.failed, np.nan, error) for error in readings.pose_errors(sample.xi)
     )

@@ -6,10 +6,19 @@ That counts the runs' part of the spread twice, since the pairs' values differ b
 intervals err on the wide side.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import pandas as pd
 
 from icpshap.errors import UserError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
 
 CONFIDENCE = 0.95
 DRAWS = 2000
@@ -20,7 +29,14 @@ ENDS = ("low", "high")
 OUTLIER_RULES = ("none", "iqr", "positive_then_iqr")
 
 
-def ranking_table(shap, resampled, causes, paper=None, order=(), seed=0):
+def ranking_table(
+    shap: pd.DataFrame,
+    resampled: pd.DataFrame,
+    causes: Sequence[str],
+    paper: pd.DataFrame = None,
+    order: Sequence[str] = (),
+    seed: int = 0,
+) -> pd.DataFrame:
     """A row per sequence and outlier rule: medians of phi, and whether they follow the order.
 
     shap, resampled: tables of `games` for the same pairs and instances; causes: names; paper: table
@@ -61,7 +77,7 @@ def ranking_table(shap, resampled, causes, paper=None, order=(), seed=0):
     return table
 
 
-def kept_rows(values, rule):
+def kept_rows(values: np.ndarray, rule: str) -> np.ndarray:
     """Rows of phi (..., n, M) that an outlier rule keeps, bool (..., n); NaN rows never.
 
     iqr: a row goes if any of its columns lies further than 1.5 interquartile ranges (linear
@@ -78,7 +94,7 @@ def kept_rows(values, rule):
     return kept & inside.all(axis=-1)
 
 
-def quantiles(values, kept, probabilities):
+def quantiles(values: np.ndarray, kept: np.ndarray, probabilities: Sequence[float]) -> np.ndarray:
     """Linear quantiles over the kept rows (..., n) of values (..., n, M): (p, ..., M)."""
     ordered = np.sort(np.where(kept[..., None], values, np.nan), axis=-2)
     count = kept.sum(axis=-1)[..., None, None]
@@ -95,7 +111,7 @@ def quantiles(values, kept, probabilities):
     return np.array(result)
 
 
-def bootstrap_medians(draws, rule, generator):
+def bootstrap_medians(draws: np.ndarray, rule: str, generator: np.random.Generator) -> np.ndarray:
     """Bootstrap medians (DRAWS, M) of a sequence, from resamples of its pairs (r, pairs, i, M)."""
     number, pairs, _, players = draws.shape
     blocks = -(-pairs // BLOCK)
@@ -109,8 +125,12 @@ def bootstrap_medians(draws, rule, generator):
     return np.concatenate(result)
 
 
-def holm(p):
-    """Holm's step-down correction of p values (n,); NaN stays NaN and does not count."""
+def holm(p: ArrayLike) -> np.ndarray:
+    """Holm's step-down correction of p values (n,); NaN stays NaN and does not count.
+
+    >>> holm(np.array([0.01, 0.04, np.nan])).tolist()
+    [0.02, 0.04, nan]
+    """
     p = np.asarray(p, dtype=float)
     ranked = np.argsort(p)[: np.count_nonzero(~np.isnan(p))]
     steps = p[ranked] * np.arange(len(ranked), 0, -1)
@@ -152,7 +172,7 @@ def _own_intervals(table, causes):
 
 def _agreement(row, sequence, paper, causes):
     """The paper's values, and whether they lie in our intervals."""
-    found = {}
+    found: dict[str, Any] = {}
     for name in causes:
         value = np.nan
         if paper is not None and name in paper:

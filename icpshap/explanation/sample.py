@@ -4,8 +4,12 @@ The spread of a setting is the covariance of its samples plus the mean covarianc
 plus the floor; whatever the estimator does not return is not there.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -16,6 +20,12 @@ from icpshap.explanation import readings
 from icpshap.explanation.basins import find_basins
 from icpshap.explanation.chains import effective_sample_size
 from icpshap.tables import INITIAL_XI, XI, covariances
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from icpshap.explanation.method import Method
+
 
 FEWEST_RUNS = 50  # independent ones, from which a covariance is computed
 FEWEST_SAMPLES = readings.DIMENSION + 1  # others, from which it can have full rank
@@ -55,8 +65,8 @@ class Sample:
     last_f: dict = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
-    def without_runs(cls, causes, settings, returns):
-        """The sample of a pair that was not registered."""
+    def without_runs(cls, causes: Iterable[str], settings: np.ndarray, returns: Returns) -> Sample:
+        """The sample of a pair that was not registered; settings (S, M): values of the causes."""
         marks = np.zeros((len(settings), 0), dtype=bool)
         xi = np.zeros((*marks.shape, 6))
         again = np.zeros(len(settings), dtype=bool)
@@ -78,14 +88,14 @@ class Sample:
         )
 
     @property
-    def fewest(self):
+    def fewest(self) -> int:
         """The number of runs below which nothing is computed."""
         if self.returns.exchangeable:
             return FEWEST_RUNS
         return FEWEST_SAMPLES if self.returns.samples else 1
 
     @cached_property
-    def effective(self):
+    def effective(self) -> np.ndarray:
         """How many independent samples those of each setting are worth (S,): all of Monte Carlo's.
 
         Of the states of a chain the effective sample size, summed over noise draws; NaN for samples
@@ -104,11 +114,11 @@ class Sample:
         return np.minimum(found, number)
 
     @property
-    def units(self):
+    def units(self) -> str:
         """What is left out for intervals: runs, noise draws, or nothing ("")."""
         return self.returns.units(len(np.unique(self.noise_draw)))
 
-    def rows(self, values, again=False):
+    def rows(self, values: ArrayLike, again: bool = False) -> np.ndarray:
         """Row of each setting in values (..., M). Raises UserError if one was not run."""
         values = np.asarray(values, dtype=float)
         flat = values.reshape(-1, values.shape[-1])
@@ -126,7 +136,7 @@ class Sample:
         return rows.reshape(values.shape[:-1])
 
     @property
-    def lost(self):
+    def lost(self) -> np.ndarray:
         """Runs (S, n) that did not end in their setting's own basin: failed, or in a wrong one."""
         return self.failed | self.wrong_basin
 
@@ -139,7 +149,9 @@ class Sample:
     def _share_lost(self):
         return np.where(self.no_basin[:, None], np.nan, self.lost.astype(float))
 
-    def spread(self, rows, weights, method):
+    def spread(
+        self, rows: np.ndarray | int | np.integer, weights: np.ndarray, method: Method
+    ) -> readings.Spread:
         """`readings.Spread` of settings `rows` (...) under each weighting (r, n) of the runs."""
         return readings.Spread(
             self.xi[rows],
@@ -150,7 +162,9 @@ class Sample:
             of_runs={name: values[rows] for name, values in self._of_runs.items()},
         )
 
-    def variance_along(self, rows, vectors, weights):
+    def variance_along(
+        self, rows: np.ndarray, vectors: np.ndarray, weights: np.ndarray
+    ) -> np.ndarray:
         """Variance (..., r) of settings `rows` (...) along vectors (..., d, 6), summed over d.
 
         Under each weighting (r, n) of the runs, without a floor [rad^2 or m^2].
@@ -172,11 +186,11 @@ class Sample:
             result += along @ self._share_of_draws(weights).T
         return result
 
-    def numbers(self, name):
+    def numbers(self, name: str) -> np.ndarray:
         """A number (S, n) of the runs, of those that `readings.run_numbers` gives."""
         return self._of_runs[name]
 
-    def mean(self, name, rows, weights):
+    def mean(self, name: str, rows: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Weighted mean (..., r) of a number of the runs of settings `rows` (...)."""
         return readings.weighted_mean(weights * self.weight, self._of_runs[name][rows])
 
@@ -194,7 +208,14 @@ class Sample:
         return share / share.sum(axis=1, keepdims=True)
 
 
-def samples(runs, estimates, causes, returns, method, length):
+def samples(
+    runs: pd.DataFrame | None,
+    estimates: pd.DataFrame | None,
+    causes: Iterable[str],
+    returns: Returns,
+    method: Method,
+    length: float,
+) -> list[Sample]:
     """One `Sample` per replicate of a pair's tables of runs and estimates (None if not returned).
 
     causes: names of those of the experiment; length [m]: the pair's characteristic length. Raises
@@ -205,6 +226,7 @@ def samples(runs, estimates, causes, returns, method, length):
         estimates = estimates.sort_values([*keys, "noise_draw"])
         _check_complete(estimates, keys, "noise_draw")
     if runs is None:
+        assert estimates is not None  # an estimator returns one or the other, or both
         runs = estimates.assign(run=estimates["noise_draw"], weight=1.0)
         runs[INITIAL_XI] = np.nan
     else:
@@ -276,7 +298,7 @@ def _sample(runs, estimates, causes, returns, method, length):
     )
 
 
-def mark_wrong_basins(runs, method, length):
+def mark_wrong_basins(runs: pd.DataFrame, method: Method, length: float) -> np.ndarray:
     """Which runs (n,) of one setting of a runs table are in a wrong basin; no failed one is.
 
     length [m]: the pair's characteristic length.

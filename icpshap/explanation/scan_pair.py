@@ -1,6 +1,9 @@
 """What an explanation knows of a pair of scans besides its runs."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +28,7 @@ class ScanPair:
     played: tuple[int, int] | None = None
 
     @classmethod
-    def of(cls, row):
+    def of(cls, row: Any) -> ScanPair:
         """The pair of a row (a named tuple) of a pairs table."""
         return cls(
             row.sequence,
@@ -35,19 +38,24 @@ class ScanPair:
             np.array([getattr(row, name) for name in TRANSFORM]).reshape(4, 4),
         )
 
-    def standing_for(self, pair):
+    def standing_for(self, pair: tuple[int, int]) -> ScanPair:
         """The same under the indices of another pair, whose instance is played on this one."""
         reference, source = pair
         played = (self.reference, self.source)
         return replace(self, reference=reference, source=source, played=played)
 
     @property
-    def columns(self):
+    def columns(self) -> dict[str, str | int]:
         """The columns that name the pair in every table."""
-        named = {"sequence": self.sequence, "reference": self.reference, "source": self.source}
-        return named | (dict(zip(PLAYED, self.played, strict=True)) if self.played else {})
+        played = dict(zip(PLAYED, self.played, strict=True)) if self.played else {}
+        return {
+            "sequence": self.sequence,
+            "reference": self.reference,
+            "source": self.source,
+            **played,
+        }
 
     @property
-    def to_reference_axes(self):
+    def to_reference_axes(self) -> np.ndarray:
         """blockdiag(R, R) (6, 6): turns pose errors from the source's axes to the reference's."""
         return np.kron(np.eye(2), self.T_reference_source[:3, :3])

@@ -4,15 +4,22 @@ To first order a covariance that is told the noise grows with its square. Where 
 it is the scatter of the noise draws, beyond what their runs alone scatter, that grows so.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import eigh
 
+if TYPE_CHECKING:
+    from icpshap.explanation.sample import Sample
+
+
 SENSOR_NOISE = "sensor_noise"
 
 
-def with_sensor_sigma(sample, times):
+def with_sensor_sigma(sample: Sample, times: float) -> Sample | None:
     """The `Sample` with `times` the sensor's own noise; None if its spread does not hold that.
 
     All runs of a setting count as failed where its draws cannot be told from their runs.

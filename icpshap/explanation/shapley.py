@@ -4,18 +4,33 @@ A game of M players is an array (..., 2^M) of values, indexed by coalition as a 
 set if player a is on. The players are the causes of an experiment, in their order.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable
 from itertools import combinations
 from math import comb, factorial
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
-def coalitions(players):
-    """Which players are on: bool (2^M, M), the row number is the coalition's bit mask."""
+
+Player = TypeVar("Player")
+FULL_WEIGHT = 1e6  # in the place of infinity; with 1e12 the round-off is 5e-3
+
+
+def coalitions(players: int) -> np.ndarray:
+    """Which players are on: bool (2^M, M), the row number is the coalition's bit mask.
+
+    >>> coalitions(2).tolist()
+    [[False, False], [True, False], [False, True], [True, True]]
+    """
     return (np.arange(2**players)[:, None] >> np.arange(players) & 1).astype(bool)
 
 
-def coalition_values(instances, reference):
+def coalition_values(instances: ArrayLike, reference: ArrayLike) -> np.ndarray:
     """The mapping h_x (paper, Algorithm 1): instances (i, M) to their settings (i, 2^M, M).
 
     A player that is on takes the instance's value, one that is off its reference value (M,).
@@ -24,10 +39,13 @@ def coalition_values(instances, reference):
     return np.where(coalitions(instances.shape[-1]), instances[..., None, :], reference)
 
 
-def shapley_values(game):
+def shapley_values(game: ArrayLike) -> np.ndarray:
     """Shapley values (..., M) of games (..., 2^M); they add up to f(all on) - f(none on).
 
     A player that changes nothing gets exactly 0, without round-off.
+
+    >>> shapley_values(np.array([0.0, 1.0, 2.0, 5.0])).tolist()  # f of none, a, b, both
+    [2.0, 3.0]
     """
     game = np.asarray(game, dtype=float)
     players = players_of(game)
@@ -37,10 +55,13 @@ def shapley_values(game):
     return np.stack([_gain(game, a) @ weight for a in range(players)], axis=-1)
 
 
-def removal_effects(game):
+def removal_effects(game: ArrayLike) -> np.ndarray:
     """What the value of games (..., 2^M) falls by without each player: (..., M).
 
     f(all on) - f(all on but this one); one that changes nothing there gets exactly 0.
+
+    >>> removal_effects(np.array([0.0, 1.0, 2.0, 5.0])).tolist()
+    [3.0, 4.0]
     """
     game = np.asarray(game, dtype=float)
     everyone = game.shape[-1] - 1
@@ -48,11 +69,14 @@ def removal_effects(game):
     return game[..., -1:] - game[..., without]
 
 
-def interaction_indices(game):
+def interaction_indices(game: ArrayLike) -> np.ndarray:
     """Shapley interaction indices (..., M(M-1)/2) of games (..., 2^M), in the order of `couples`.
 
     Grabisch and Roubens (1999), Int. J. Game Theory 28: f(S+ab) - f(S+b) - f(S+a) + f(S) over the
     coalitions S without a and b, weighted by |S|! (M-|S|-2)! / (M-1)!.
+
+    >>> interaction_indices(np.array([0.0, 1.0, 2.0, 5.0])).tolist()  # of (a, b)
+    [2.0]
     """
     game = np.asarray(game, dtype=float)
     players = players_of(game)
@@ -68,21 +92,25 @@ def interaction_indices(game):
     return result
 
 
-def couples(players):
-    """All couples (a, b) of players, a before b, in the order of `interaction_indices`."""
+def couples(players: Iterable[Player]) -> list[tuple[Player, Player]]:
+    """All couples (a, b) of players, a before b, in the order of `interaction_indices`.
+
+    >>> couples(["a", "b", "c"])
+    [('a', 'b'), ('a', 'c'), ('b', 'c')]
+    """
     return list(combinations(players, 2))
 
 
-def kernel_regression(game, full_weight=1e6):
+def kernel_regression(game: ArrayLike) -> np.ndarray:
     """The closed form of Algorithm 1 of the paper, (..., 2^M) to (..., M): a cross-check.
 
     Weighted least squares of f minus f(none on) with the weights of Equation (3b); the infinite
-    one of the full coalition becomes `full_weight`, the other meets a row of zeros.
+    one of the full coalition becomes FULL_WEIGHT, the other meets a row of zeros.
     """
     game = np.asarray(game, dtype=float)
     on = coalitions(players_of(game)).astype(float)
     players = on.shape[1]
-    weight = np.full(len(on), full_weight)
+    weight = np.full(len(on), FULL_WEIGHT)
     for coalition, size in enumerate(on.sum(axis=1).astype(int)):
         if 0 < size < players:
             weight[coalition] = (players - 1) / (comb(players, size) * size * (players - size))
@@ -103,7 +131,7 @@ def _by_size(players, weight):
     return by_size[coalitions(players).sum(axis=1)]
 
 
-def players_of(game):
+def players_of(game: np.ndarray) -> int:
     """Number of players M of games (..., 2^M); raises ValueError for another length."""
     players = (game.shape[-1] - 1).bit_length()
     if game.shape[-1] != 2**players or players == 0:

@@ -4,14 +4,21 @@ Bounded, so that no run decides it: it stands beside every explanation. Its inte
 even where nothing was seen.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from icpshap.explanation import shapley
 from icpshap.explanation.intervals import independent_runs, of_units, wilson
 from icpshap.explanation.uncertainty import Estimate, estimate, over_replicates
+
+if TYPE_CHECKING:
+    from icpshap.explanation.method import Method
+    from icpshap.explanation.sample import Sample
+
 
 UNSEEN = 3.0  # runs: what never was seen in n runs has a share of at most 3/n, with 95 % confidence
 ROUND_OFF = 1e-12
@@ -28,7 +35,7 @@ class Shares(NamedTuple):
     interactions: Estimate
 
 
-def wrong_basin_shares(sample):
+def wrong_basin_shares(sample: Sample) -> np.ndarray:
     """Share of runs that are lost in each setting, with the ends of its interval: (S,) each.
 
     Wilson's interval, with several noise draws for as many independent runs as would vary as much
@@ -47,7 +54,9 @@ def wrong_basin_shares(sample):
     return found
 
 
-def explain_shares(replicates, rows, on, method):
+def explain_shares(
+    replicates: list[Sample], rows: list[np.ndarray], on: np.ndarray, method: Method
+) -> Shares:
     """`Shares` of games, rows (i, 2^M) of each replicate; on (i, M): which causes are on.
 
     Of the parts: the joint jackknife over all runs, or the spread of the replicates; where neither
@@ -68,7 +77,7 @@ def explain_shares(replicates, rows, on, method):
     half = UNSEEN / number
     phi = _widened(found.part(slice(players)), on, half)
     removal = _widened(found.part(slice(players, 2 * players)), on, half)
-    couples = np.array(list(shapley.couples(range(players))), dtype=int).reshape(-1, 2)
+    couples = np.array(shapley.couples(range(players)), dtype=int).reshape(-1, 2)
     both = on[:, couples].all(axis=-1)
     interactions = _widened(found.part(slice(2 * players, None)), both, 2 * half)
     clean, share = (_of_settings(replicates, [games[:, k] for games in rows]) for k in (0, -1))
@@ -84,8 +93,8 @@ def _of_settings(replicates, rows):
     if len(replicates) > 1:
         number = sum(sample.lost.shape[1] for sample in replicates)
         low, high = wilson(value, *of_units(value, found[:, 0].T, number))
-    ends = (column[:, None] for column in (value, low, high))
-    return Estimate(*ends, np.full((len(value), 1), np.nan))
+    value, low, high = (column[:, None] for column in (value, low, high))
+    return Estimate(value, low, high, np.full(value.shape, np.nan))
 
 
 def _parts(game):

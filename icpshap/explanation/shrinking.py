@@ -5,7 +5,10 @@ of its Shapley value of the entropy difference does. What a deterministic estima
 interval: there the number itself counts.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,10 +20,17 @@ from icpshap.explanation.uncertainty import (
     over_replicates,
 )
 
+if TYPE_CHECKING:
+    from icpshap.explanation.method import Method
+    from icpshap.explanation.sample import Sample
+
+
 ERRORS = {"translation_rmse": "square_translation", "rotation_rmse": "square_rotation"}
 
 
-def shrinking_columns(replicates, rows, method):
+def shrinking_columns(
+    replicates: list[Sample], rows: list[np.ndarray], method: Method
+) -> dict[str, np.ndarray]:
     """Entropy differences and errors of instances, by column; rows (i, 2^M) of each replicate."""
     causes = replicates[0].causes
     by_entropy = replace(method, divergence="entropy_difference")

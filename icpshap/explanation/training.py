@@ -1,7 +1,10 @@
 """What an estimator can learn from: descriptors of perturbed pairs, and covariances of runs."""
 
+from __future__ import annotations
+
 import logging
 from collections import defaultdict
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -11,10 +14,27 @@ from icpshap.explanation.sample import samples
 from icpshap.explanation.uncertainty import kept_runs
 from icpshap.tables import DESCRIPTOR, covariance_columns
 
+if TYPE_CHECKING:
+    from icpshap.data.pair import Pair
+    from icpshap.explanation.method import Method
+    from icpshap.explanation.sample import Sample
+    from icpshap.explanation.scan_pair import ScanPair
+    from icpshap.plan import Setting
+
+
 log = logging.getLogger(__name__)
 
 
-def examples(pair, settings, estimator, streams, runs, estimates, method, scan_pair):
+def examples(
+    pair: Pair,
+    settings: list[Setting],
+    estimator: Estimator,
+    streams: perturb.Streams,
+    runs: pd.DataFrame | None,
+    estimates: pd.DataFrame | None,
+    method: Method,
+    scan_pair: ScanPair,
+) -> pd.DataFrame:
     """The rows of a descriptors table that one pair gives: one for each setting that was run.
 
     pair: data.pair.Pair; settings: list of plan.Setting, all with the same causes; estimator:
@@ -31,8 +51,9 @@ def examples(pair, settings, estimator, streams, runs, estimates, method, scan_p
     rows = []
     for setting in settings:
         found = covariance(replicates[setting.replicate], setting, method)
-        if found is not None and seen[setting] is not None:
-            values = dict(zip(DESCRIPTOR, seen[setting], strict=True))
+        described = seen[setting]
+        if found is not None and described is not None:
+            values = dict(zip(DESCRIPTOR, described, strict=True))
             about = {**scan_pair.columns, **setting.values, "replicate": setting.replicate}
             rows.append({**about, **values, **covariance_columns(found)})
     indices = (scan_pair.reference, scan_pair.source)
@@ -40,7 +61,7 @@ def examples(pair, settings, estimator, streams, runs, estimates, method, scan_p
     return pd.DataFrame(rows)
 
 
-def covariance(sample, setting, method):
+def covariance(sample: Sample, setting: Setting, method: Method) -> np.ndarray | None:
     """The covariance (6, 6) of a setting with its floor; None if too few runs are left."""
     row = sample.rows(list(setting.values.values()))
     kept = kept_runs(sample, np.array([[row]]), method)
@@ -49,7 +70,9 @@ def covariance(sample, setting, method):
     return sample.spread(row, kept.astype(float), method).covariance[0]
 
 
-def mean_descriptors(pair, settings, estimator, streams):
+def mean_descriptors(
+    pair: Pair, settings: list[Setting], estimator: Estimator, streams: perturb.Streams
+) -> dict[Setting, np.ndarray | None]:
     """The descriptor (d,) of each setting, the mean over the noise draws, by the setting.
 
     None for one in which the clouds hardly overlap. That the estimator draws the sensor's own noise
@@ -64,7 +87,8 @@ def mean_descriptors(pair, settings, estimator, streams):
         for same, values in learned.descriptors(group):
             for start in same:
                 seen[start.setting].append(values)
-    return {
-        setting: None if any(values is None for values in of_draws) else np.mean(of_draws, axis=0)
-        for setting, of_draws in seen.items()
-    }
+    found: dict[Setting, np.ndarray | None] = {}
+    for setting, of_draws in seen.items():
+        known = [values for values in of_draws if values is not None]
+        found[setting] = np.mean(known, axis=0) if len(known) == len(of_draws) else None
+    return found

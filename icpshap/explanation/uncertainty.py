@@ -4,13 +4,22 @@ A *game* is a list of settings, the clean one first, whose f belong together: th
 instance, or clean and perturbed. Runs left out of one of its settings are left out of all.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from icpshap.errors import UserError
 from icpshap.explanation.intervals import Resampling, mean_interval
 from icpshap.explanation.patterns import alike
+
+if TYPE_CHECKING:
+    from icpshap.explanation.method import Method
+    from icpshap.explanation.sample import Sample
+
 
 BOOTSTRAP_DRAWS = 1000
 SETTINGS_AT_ONCE = 64
@@ -26,7 +35,7 @@ class Estimate:
     high: np.ndarray
     draw_variance_ratio: np.ndarray
 
-    def part(self, columns):
+    def part(self, columns: slice | np.ndarray) -> Estimate:
         """The same of some columns alone."""
         return Estimate(
             self.value[:, columns],
@@ -36,22 +45,22 @@ class Estimate:
         )
 
 
-def with_ends(estimate, low, high):
+def with_ends(estimate: Estimate, low: np.ndarray, high: np.ndarray) -> Estimate:
     """The same `Estimate` with other ends (i, q) of its interval, where it has a value."""
-    ends = (np.where(np.isnan(estimate.value), np.nan, end) for end in (low, high))
-    return Estimate(estimate.value, *ends, estimate.draw_variance_ratio)
+    low, high = (np.where(np.isnan(estimate.value), np.nan, end) for end in (low, high))
+    return Estimate(estimate.value, low, high, estimate.draw_variance_ratio)
 
 
-def columns_of(names, estimate):
-    """Columns of a table for the quantities of an `Estimate`, by their names."""
-    columns = {}
+def columns_of(names: Iterable[str], estimate: Estimate) -> dict[str, np.ndarray]:
+    """Columns (i,) of a table for the quantities of an `Estimate`, by their names."""
+    columns: dict[str, np.ndarray] = {}
     for q, name in enumerate(names):
         value, low, high = estimate.value[:, q], estimate.low[:, q], estimate.high[:, q]
         columns |= {name: value, f"{name}_low": low, f"{name}_high": high}
     return columns
 
 
-def over_replicates(found):
+def over_replicates(found: list[Estimate]) -> Estimate:
     """Mean of the `Estimate`s of several replicates, whose spread gives its interval."""
     if len(found) == 1:
         return found[0]
@@ -59,7 +68,15 @@ def over_replicates(found):
     return Estimate(*mean_interval(np.array([part.value for part in found])), ratio)
 
 
-def estimate(sample, games, quantities, method, leave_out=None, intervals=True, values=None):
+def estimate(
+    sample: Sample,
+    games: np.ndarray,
+    quantities: Callable[[np.ndarray], np.ndarray],
+    method: Method,
+    leave_out: bool | None = None,
+    intervals: bool = True,
+    values: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+) -> Estimate:
     """Quantities of games, rows (i, g) of the sample, with intervals: an `Estimate`.
 
     quantities: maps f (..., g) to (..., q). leave_out: whether runs in a wrong basin are left out
@@ -84,7 +101,16 @@ def estimate(sample, games, quantities, method, leave_out=None, intervals=True, 
     return Estimate(value, low, high, ratio)
 
 
-def resampled(sample, games, quantities, method, jackknife, bootstrap, leave_out=None, values=None):
+def resampled(
+    sample: Sample,
+    games: np.ndarray,
+    quantities: Callable[[np.ndarray], np.ndarray],
+    method: Method,
+    jackknife: bool,
+    bootstrap: int,
+    leave_out: bool | None = None,
+    values: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+) -> Iterator[tuple[np.ndarray, Resampling, np.ndarray]]:
     """Resamples of the quantities of games (i, g), for all games that keep the same runs at once.
 
     Yields members (k,), numbers of games; their `Resampling`; values (r, k, q). Games with too few
@@ -102,7 +128,9 @@ def resampled(sample, games, quantities, method, jackknife, bootstrap, leave_out
         yield members, plan, quantities(np.moveaxis(by_game, -1, 0))
 
 
-def kept_runs(sample, games, method, leave_out=None):
+def kept_runs(
+    sample: Sample, games: np.ndarray, method: Method, leave_out: bool | None = None
+) -> np.ndarray:
     """Which runs stay in each game (i, g): bool (i, n)."""
     number = sample.xi.shape[1]
     reading = method.reading
@@ -118,7 +146,9 @@ def kept_runs(sample, games, method, leave_out=None):
     return ~dropped[games].any(axis=1)
 
 
-def covariances(replicates, rows, place, method):
+def covariances(
+    replicates: list[Sample], rows: list[np.ndarray], place: int, method: Method
+) -> np.ndarray:
     """Covariances (i, 6, 6) of the settings at a place of games, of the runs that f is read off.
 
     replicates: list of samples, of which it is the mean; rows (i, g): of each, the settings of the
@@ -147,7 +177,9 @@ def _own_values(sample, games, method):
     return values
 
 
-def mean_of_games(number, sample, games):
+def mean_of_games(
+    number: str, sample: Sample, games: np.ndarray
+) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """values(members, weights) for `estimate`: means of a number of the runs, each setting once."""
 
     def values(members, weights):
@@ -157,7 +189,9 @@ def mean_of_games(number, sample, games):
     return values
 
 
-def evaluate(sample, rows, clean, weights, method):
+def evaluate(
+    sample: Sample, rows: np.ndarray, clean: int | np.integer, weights: np.ndarray, method: Method
+) -> np.ndarray:
     """f of settings `rows` (s,) against setting `clean`, under each weighting (r, n): (s, r).
 
     rows: ascending. Raises UserError if a covariance is singular.
@@ -190,6 +224,6 @@ def evaluate(sample, rows, clean, weights, method):
     return result
 
 
-def perturbed(game):
+def perturbed(game: np.ndarray) -> np.ndarray:
     """The quantity f itself of games (..., 2): of the perturbed setting."""
     return game[..., 1:]

@@ -1,15 +1,26 @@
 """Covariances for other programs: one file a format; to add one is to add a file."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
 from icpshap import registry
 from icpshap.causes import CAUSES
 from icpshap.errors import UserError
 from icpshap.export import measurement
 from icpshap.export.format import Format
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+
 FORMATS = registry.classes(__name__, __path__, Format)
 
 
-def export(table, name, levels, sequence=None):
+def export(
+    table: pd.DataFrame, name: str, levels: Mapping[str, float], sequence: str | None = None
+) -> tuple[dict[str, str], list[str]]:
     """A covariances table in the format of that name: texts, and remarks on what is not in them.
 
     texts: by what the name of the file has before its suffix, "" of the first; levels: of causes
@@ -52,6 +63,6 @@ def _remarks(wanted, known):
     return lines
 
 
-def clean():
+def clean() -> dict[str, float]:
     """The levels of no perturbation at all, for `export`."""
     return {name: cause.off for name, cause in CAUSES.items()}

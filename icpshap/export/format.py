@@ -1,10 +1,16 @@
 """What a format of `icpshap export` is."""
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, ClassVar
 
 from icpshap.errors import UserError
 from icpshap.export.measurement import Measurement
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 class Format(ABC):
@@ -23,12 +29,12 @@ class Format(ABC):
         """The content of each file, by what its name has before the suffix ("" of the first)."""
 
 
-def numbers(values):
+def numbers(values: np.ndarray) -> str:
     """Numbers (n,) as words that give the same numbers when they are read."""
     return " ".join(repr(float(value)) for value in values)
 
 
-def of_one_sequence(measurements, name):
+def of_one_sequence(measurements: Sequence[Measurement], name: str) -> None:
     """Raise UserError unless all are of one sequence: indices of scans mean nothing across them."""
     known = sorted({measurement.sequence for measurement in measurements})
     if len(known) > 1:

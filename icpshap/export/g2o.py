@@ -4,6 +4,11 @@ The information is of g2o's own error, [translation; vector part of the quaterni
 row by row. `gtsam.readG2o` takes that vector part for the turn itself: use the format gtsam there.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from icpshap import conventions
@@ -11,16 +16,21 @@ from icpshap.errors import UserError
 from icpshap.export.format import Format, numbers, of_one_sequence
 from icpshap.export.measurement import placed, quaternion
 
+if TYPE_CHECKING:
+    from icpshap.export.measurement import Measurement
+
 
 class G2o(Format):
     name = "g2o"
     meaning = "a pose graph for g2o: edges EDGE_SE3:QUAT with the information matrix"
 
-    def texts(self, measurements):
+    def texts(self, measurements: Sequence[Measurement]) -> dict[str, str]:
         return {"": graph(measurements, self.name, conventions.g2o)}
 
 
-def graph(measurements, name, converted):
+def graph(
+    measurements: Sequence[Measurement], name: str, converted: Callable[[np.ndarray], np.ndarray]
+) -> str:
     """The text of a pose graph; converted: a covariance of ours as the reader has it.
 
     Raises UserError for several sequences and for a covariance that has no inverse.
@@ -39,7 +49,7 @@ def graph(measurements, name, converted):
     return "\n".join(lines) + "\n"
 
 
-def information(covariance, where):
+def information(covariance: np.ndarray, where: str) -> np.ndarray:
     """The inverse of a covariance (6, 6). Raises UserError if there is none."""
     # In units of the standard deviations, since rad and m need not be alike in size.
     scale = np.sqrt(np.diagonal(covariance))

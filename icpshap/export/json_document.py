@@ -1,15 +1,22 @@
 """All of it as one JSON document."""
 
+from __future__ import annotations
+
 import json
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from icpshap.export.format import Format
+
+if TYPE_CHECKING:
+    from icpshap.export.measurement import Measurement
 
 
 class Json(Format):
     name = "json"
     meaning = "one JSON document: poses and covariances in the convention of icpshap"
 
-    def texts(self, measurements):
+    def texts(self, measurements: Sequence[Measurement]) -> dict[str, str]:
         document = {
             "order": "rotation first",
             "unit": "rad^2, rad m, m^2",

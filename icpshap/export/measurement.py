@@ -1,9 +1,14 @@
 """What is exported: the relative pose of two scans with its covariance, out of a table."""
 
+from __future__ import annotations
+
 import os
 import zipfile
 from collections import defaultdict, deque
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,6 +17,9 @@ from icpshap import se3, storage, tables
 from icpshap.causes import CAUSES
 from icpshap.errors import UserError
 from icpshap.one_pair.explanation import Explanation
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,36 +41,36 @@ class Measurement:
     n_runs: int
 
     @property
-    def is_known(self):
+    def is_known(self) -> bool:
         """Whether it has a covariance."""
         return bool(np.isfinite(self.covariance).all())
 
     @property
-    def left_out(self):
+    def left_out(self) -> float:
         """The share of its runs that the covariance is not of; 0 of estimators without runs."""
         return 1 - self.n_used / self.n_runs if self.n_runs else 0.0
 
     @property
-    def translation(self):
+    def translation(self) -> np.ndarray:
         """Of its pose (3,) [m]."""
         return self.T_reference_source[:3, 3]
 
     @property
-    def quaternion(self):
+    def quaternion(self) -> np.ndarray:
         """Of its pose (4,): x, y, z, w."""
         return quaternion(self.T_reference_source)
 
     @property
-    def in_words(self):
+    def in_words(self) -> str:
         return f"{self.sequence} {self.reference}-{self.source}"
 
 
-def quaternion(T):
+def quaternion(T: np.ndarray) -> np.ndarray:
     """Rotation of a pose (4, 4) as x, y, z, w with w >= 0: (4,)."""
     return Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
 
 
-def read_covariances(path):
+def read_covariances(path: str | Path) -> pd.DataFrame:
     """The covariances table of a file of the workflow, or of a saved explanation.
 
     Raises UserError if the file is neither.
@@ -92,7 +100,7 @@ def read_covariances(path):
     return tables.read(path, "covariances")
 
 
-def measurements(table):
+def measurements(table: pd.DataFrame) -> list[Measurement]:
     """The `Measurement`s of a covariances table, in its order.
 
     Of several replicates the mean; the second clean sample is none.
@@ -116,7 +124,7 @@ def measurements(table):
     return found
 
 
-def of_sequence(measured, key):
+def of_sequence(measured: Sequence[Measurement], key: str | None) -> list[Measurement]:
     """Those of one sequence; all of them for None. Raises UserError for a key that is not there."""
     known = list(dict.fromkeys(measurement.sequence for measurement in measured))
     if key is not None and key not in known:
@@ -124,7 +132,7 @@ def of_sequence(measured, key):
     return [one for one in measured if key in (None, one.sequence)]
 
 
-def instance(measured, asked):
+def instance(measured: Sequence[Measurement], asked: Mapping[str, float]) -> dict[str, float]:
     """Level by cause that is exported: what is asked for, else the only one that is not off.
 
     asked: level by cause. Raises UserError for a level that was not run, and where several were and
@@ -154,12 +162,12 @@ def instance(measured, asked):
     return {name: levels[name] for name in names}
 
 
-def at(measured, levels):
+def at(measured: Sequence[Measurement], levels: Mapping[str, float]) -> list[Measurement]:
     """The measurements of the setting with these levels by cause."""
     return [one for one in measured if one.levels == levels]
 
 
-def coalitions(measured, levels):
+def coalitions(measured: Sequence[Measurement], levels: Mapping[str, float]) -> list[Measurement]:
     """The measurements of settings in which each cause is at its level or off."""
     return [
         one
@@ -168,8 +176,8 @@ def coalitions(measured, levels):
     ]
 
 
-def placed(measured):
-    """Where the scans are by the measured poses: T_first_scan by index, and the indices of firsts.
+def placed(measured: Sequence[Measurement]) -> tuple[dict[int, np.ndarray], list[int]]:
+    """Where scans are by the measured poses: T_first_scan (4, 4) by index, and those of firsts.
 
     The first scan of what hangs together stands at the identity. With more measurements than are
     needed the shortest chain counts.

@@ -1,5 +1,10 @@
 """A noise model of a registration by coalition of causes, a row each, to paste into SLAM code."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
 
@@ -7,6 +12,10 @@ from icpshap.causes import CAUSES, named
 from icpshap.export.format import Format
 from icpshap.report import words
 from icpshap.tables import covariance_columns
+
+if TYPE_CHECKING:
+    from icpshap.export.measurement import Measurement
+
 
 BELOW = """\
 Square roots of the diagonal of the mean covariance over the pairs, of xi in T_reference_source
@@ -20,7 +29,7 @@ class Markdown(Format):
     meaning = "the noise model by coalition of causes, a table to paste"
     all_coalitions = True
 
-    def texts(self, measurements):
+    def texts(self, measurements: Sequence[Measurement]) -> dict[str, str]:
         table = noise_model(measurements)
         shown = pd.DataFrame(
             {
@@ -39,7 +48,7 @@ class Csv(Format):
     meaning = "the same with the whole covariances, upper triangles row by row"
     all_coalitions = True
 
-    def texts(self, measurements):
+    def texts(self, measurements: Sequence[Measurement]) -> dict[str, str]:
         rows = [
             {**row.levels, "pairs": row.pairs, **covariance_columns(row.covariance)}
             for row in noise_model(measurements).itertuples()
@@ -47,13 +56,13 @@ class Csv(Format):
         return {"": pd.DataFrame(rows).to_csv(index=False, lineterminator="\n")}
 
 
-def noise_model(measurements):
+def noise_model(measurements: Sequence[Measurement]) -> pd.DataFrame:
     """A row a coalition, the fewest causes first: levels, pairs, covariance (6, 6), sigmas (6,).
 
     The covariance is the mean over the pairs: that of an error of any of them, about the mean of
     its own pair.
     """
-    by_levels = {}
+    by_levels: dict[tuple, list[np.ndarray]] = {}
     for one in measurements:
         by_levels.setdefault(tuple(one.levels.items()), []).append(one.covariance)
     rows = []

@@ -1,16 +1,24 @@
 """Messages geometry_msgs/PoseWithCovarianceStamped as YAML, as `ros2 topic echo` prints them."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import yaml
 
 from icpshap import conventions
 from icpshap.export.format import Format
+
+if TYPE_CHECKING:
+    from icpshap.export.measurement import Measurement
 
 
 class Ros(Format):
     name = "ros"
     meaning = "geometry_msgs/PoseWithCovarianceStamped as YAML, of each source in its reference"
 
-    def texts(self, measurements):
+    def texts(self, measurements: Sequence[Measurement]) -> dict[str, str]:
         return {"": "---\n".join(map(_message, measurements))}
 
 

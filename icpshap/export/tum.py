@@ -5,6 +5,11 @@ chain of registrations, compounded from its first scan: errors of different pair
 independent of one another, as those of our runs are.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from icpshap import se3
@@ -12,12 +17,15 @@ from icpshap.errors import UserError
 from icpshap.export.format import Format, numbers, of_one_sequence
 from icpshap.export.measurement import quaternion
 
+if TYPE_CHECKING:
+    from icpshap.export.measurement import Measurement
+
 
 class Tum(Format):
     name = "tum"
     meaning = "a trajectory in TUM's format, and a second file with the covariance of each pose"
 
-    def texts(self, measurements):
+    def texts(self, measurements: Sequence[Measurement]) -> dict[str, str]:
         of_one_sequence(measurements, self.name)
         poses, spreads = ["# scan tx ty tz qx qy qz qw"], [_HEAD]
         for index, T, covariance in compounded(measurements):
@@ -32,7 +40,7 @@ _HEAD = (
 )
 
 
-def compounded(measurements):
+def compounded(measurements: Sequence[Measurement]) -> list[tuple[int, np.ndarray, np.ndarray]]:
     """Index, T_first_scan (4, 4) and its covariance (6, 6) [rad, m] of each scan of a chain.
 
     The first order of the compounded error: xi of one scan, carried to the next, and what the next

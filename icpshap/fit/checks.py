@@ -5,7 +5,10 @@ a row of the fit_numbers table; those of the clean setting's runs are added from
 table once there is one.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -48,14 +51,14 @@ class Judged(NamedTuple):
     remedy: str
 
 
-def fits(check, value, unit, expected, sentence):
+def fits(check: str, value: float, unit: str, expected: str, sentence: str) -> Judged:
     return Judged(check, value, unit, expected, "fits", sentence, "")
 
 
 # --- before any ICP -------------------------------------------------------------------------------
 
 
-def rings(row):
+def rings(row: Any) -> Judged | None:
     """Normals of points on a line are arbitrary: so are those of one ring of a spinning scanner."""
     if np.isnan(row.ring_share):
         return None
@@ -78,7 +81,7 @@ def rings(row):
     return judged._replace(grade=grade, remedy=remedy)
 
 
-def narrow_normals(row):
+def narrow_normals(row: Any) -> Judged | None:
     """Normals fitted over less than the noise follow the noise."""
     if np.isnan(row.normal_radius) or not row.largest_noise > 0:
         return None
@@ -96,7 +99,7 @@ def narrow_normals(row):
     return judged._replace(grade="remark", remedy=remedy)
 
 
-def points(row):
+def points(row: Any) -> Judged | None:
     """Few points decide a run by which they are."""
     if np.isnan(row.source_points):
         return None
@@ -122,7 +125,7 @@ def points(row):
     return judged._replace(grade=grade, remedy=remedy)
 
 
-def overlap_distance(row):
+def overlap_distance(row: Any) -> Judged | None:
     """A distance below the spacing of the points calls what both scans see not overlapping."""
     if np.isnan(row.matched_distance):
         return None
@@ -138,7 +141,7 @@ def overlap_distance(row):
     return judged._replace(grade="remark", remedy=remedy)
 
 
-def overlap(row):
+def overlap(row: Any) -> Judged:
     sentence = f"the overlap ratio is {row.overlap:.2f}"
     judged = fits("overlap", row.overlap, "-", f"{LITTLE_OVERLAP:g} to 1", sentence)
     if row.overlap < LITTLE_OVERLAP:
@@ -150,7 +153,7 @@ def overlap(row):
     return judged
 
 
-def duplicates(row):
+def duplicates(row: Any) -> Judged:
     """Coincident points weigh what they are not worth, and have no normals of their own."""
     sentence = f"{row.duplicate_share:.1%} of the points lie where another one does"
     judged = fits("duplicates", row.duplicate_share, "-", f"at most {DUPLICATES:.0%}", sentence)
@@ -159,7 +162,7 @@ def duplicates(row):
     return judged._replace(grade="remark", remedy="voxel_size: 0.05, or scans without copies")
 
 
-def nearest_returns(row):
+def nearest_returns(row: Any) -> Judged:
     """What the scanner carries along is at the same place in both scans, and pulls to no motion."""
     minimum = row.minimum_range
     sentence = (
@@ -180,7 +183,7 @@ def nearest_returns(row):
     return judged
 
 
-def units(row):
+def units(row: Any) -> Judged:
     low, high = TYPICAL_RANGE
     sentence = f"half of the points are within {_length(row.typical_range)} of the scanner"
     judged = fits("units", row.typical_range, "m", f"{low:g} to {high:g} m", sentence)
@@ -191,7 +194,7 @@ def units(row):
     return judged._replace(grade="red", remedy=remedy)
 
 
-def ground_truth(row):
+def ground_truth(row: Any) -> Judged:
     sentence = (
         f"at the true pose half of the source points are within {_length(row.median_distance)} of "
         f"the reference (motion {_length(row.motion)})"
@@ -227,7 +230,7 @@ CHECKS = (
 # --- as soon as the clean setting has run ---------------------------------------------------------
 
 
-def clean_success(row):
+def clean_success(row: Any) -> Judged | None:
     """A clean setting whose runs do not arrive is no measure of anything."""
     if np.isnan(row.success_rate):
         return None
@@ -239,7 +242,7 @@ def clean_success(row):
     return judged._replace(grade="red", remedy=AS_ABOVE)
 
 
-def clean_basin(row):
+def clean_basin(row: Any) -> Judged:
     """Clean runs that do not lie together have no spread to compare with."""
     sentence = "most of the clean runs lie together"
     judged = fits("clean basin", 1.0 - row.no_basin, "-", "one basin", sentence)
@@ -252,7 +255,7 @@ def clean_basin(row):
     )
 
 
-def stopping(row):
+def stopping(row: Any) -> Judged | None:
     """Where the start explains the spread, ICP has stopped on its way."""
     if np.isnan(row.largest_memory):
         return None
@@ -278,7 +281,7 @@ AFTER = (clean_success, clean_basin, stopping)
 # --- tables ---------------------------------------------------------------------------------------
 
 
-def table(numbers):
+def table(numbers: pd.DataFrame) -> pd.DataFrame:
     """The fit table before any ICP: a row of each check of each pair of a fit_numbers table."""
     judged = [
         (row, found)
@@ -289,7 +292,9 @@ def table(numbers):
     return _frame(judged)
 
 
-def complete(numbers, uncertainty, off):
+def complete(
+    numbers: pd.DataFrame, uncertainty: pd.DataFrame, off: Mapping[str, float]
+) -> pd.DataFrame:
     """The fit table as soon as the clean settings have run.
 
     numbers: fit_numbers table; uncertainty: the uncertainty table, by the pairs that were run; off:
@@ -316,7 +321,7 @@ def _pairs(table):
     return list(table[PAIR].itertuples(index=False, name=None))
 
 
-def marked(shap, fit):
+def marked(shap: pd.DataFrame, fit: pd.DataFrame) -> pd.DataFrame:
     """A shap table with `misfit`, what breaks the numbers of its pair."""
     found = red(fit)
     return shap.assign(misfit=[found.get(pair, "") for pair in _pairs(shap)])
@@ -330,12 +335,12 @@ def _frame(judged):
     return pd.concat([of_pair, found], axis=1)
 
 
-def graver_first(fit):
+def graver_first(fit: pd.DataFrame) -> pd.DataFrame:
     """The rows of a fit table, the gravest first, else in their order."""
     return fit.sort_values("grade", key=lambda grade: grade.map(GRADES.index), kind="stable")
 
 
-def red(fit):
+def red(fit: pd.DataFrame) -> dict[tuple[str, int, int], str]:
     """What breaks the answers of the pairs of a fit table, by pair: sentences; "" for nothing."""
     found = {}
     for pair, rows in fit.groupby(PAIR, sort=False):
@@ -346,7 +351,7 @@ def red(fit):
     return found
 
 
-def require_fit(numbers, pair):
+def require_fit(numbers: pd.DataFrame, pair: tuple[str, int, int]) -> None:
     """Raise DataError where a check of a pair of a fit_numbers table is red.
 
     pair: sequence, reference, source.
@@ -360,13 +365,13 @@ def require_fit(numbers, pair):
         )
 
 
-def said(row):
+def said(row: Any) -> str:
     """A row of a fit table as a sentence, with the change that mends it."""
     text = f"{row.sentence[0].upper()}{row.sentence[1:]}"
     return f"{text}. What may mend it: {row.remedy}." if row.remedy else f"{text}."
 
 
-def by_check(fit):
+def by_check(fit: pd.DataFrame) -> pd.DataFrame:
     """A row for each check over all pairs of a fit table, of the pair where it is gravest.
 
     Besides the columns of that pair: number, pairs with this grade, and pairs.
@@ -381,7 +386,7 @@ def by_check(fit):
     return graver_first(found.sort_values("order")).drop(columns="order").reset_index(drop=True)
 
 
-def lines(fit, title):
+def lines(fit: pd.DataFrame, title: str) -> list[str]:
     """A fit table for the console: what does not fit, the gravest first, over all its pairs."""
     checks = by_check(fit)
     wrong = checks[checks.grade != "fits"]

@@ -1,5 +1,10 @@
 """Numbers of a pair of scans that say whether an estimator's options fit them."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.spatial import KDTree
 
@@ -8,6 +13,11 @@ from icpshap.errors import PerturbationError
 from icpshap.estimators import perturb
 from icpshap.geometry import nearest_distances, nearest_to_cell_centres, scatter
 from icpshap.plan import Setting
+
+if TYPE_CHECKING:
+    from icpshap.data.pair import Pair
+    from icpshap.estimators import Estimator
+
 
 NEIGHBOURHOODS = 4000  # of the reference at most, every k-th
 OVERLAPPING = 20_000  # source points at most whose distance to the reference is measured
@@ -19,7 +29,9 @@ RINGED = 0.2  # share of neighbourhoods on one ring from which another chain is 
 TRIED = ((None, 20), (0.25, 20), (0.25, 30), (0.5, 20), (0.5, 30))
 
 
-def measure(pair, estimator, levels, streams):
+def measure(
+    pair: Pair, estimator: Estimator, levels: Mapping[str, float], streams: perturb.Streams
+) -> dict[str, float]:
     """The numbers of a pair by column of the table `fit_numbers`.
 
     pair: data.pair.Pair; estimator: estimators.Estimator; levels: the largest of each cause, by
@@ -49,7 +61,9 @@ def measure(pair, estimator, levels, streams):
     }
 
 
-def points_of_a_run(pair, setting, estimator, streams):
+def points_of_a_run(
+    pair: Pair, setting: Setting, estimator: Estimator, streams: perturb.Streams
+) -> float:
     """Source points of a run; NaN where the setting cannot be applied to the pair."""
     try:
         return perturb.points_of_a_run(pair, setting, estimator, streams)
@@ -74,7 +88,7 @@ def _in_metres(estimator):
     return noise is not None and noise.sensor == "none"
 
 
-def normals(points, neighbourhood):
+def normals(points: np.ndarray, neighbourhood: tuple[int, float] | None) -> dict[str, float]:
     """Radius [m] of the neighbourhoods that give normals, and how many of them lie on a line.
 
     points (n, 3): in the frame of their scanner; neighbourhood: number of neighbours and radius
@@ -105,14 +119,16 @@ def normals(points, neighbourhood):
     }
 
 
-def without_rings(points, neighbourhood, ring_share):
+def without_rings(
+    points: np.ndarray, neighbourhood: tuple[int, float] | None, ring_share: float
+) -> dict[str, float]:
     """The voxel side [m] and neighbours with which few neighbourhoods lie on one ring.
 
     mending_voxel is NaN for none, mending_neighbours where there is nothing to mend or nothing that
     was tried mends it. points (n, 3): of the reference beyond the minimum range.
     """
     found = {"mending_voxel": np.nan, "mending_neighbours": np.nan}
-    if not ring_share > RINGED:
+    if neighbourhood is None or not ring_share > RINGED:
         return found
     for side, neighbours in TRIED:
         kept = points if side is None else points[nearest_to_cell_centres(points, side)]
@@ -129,7 +145,7 @@ def _are_lines(clouds):
     return variances[:, 1] < COLLINEAR**2 * variances[:, 2]
 
 
-def overlap(pair):
+def overlap(pair: Pair) -> dict[str, float]:
     """Overlap ratio, and how far the reference is where the source sees the same.
 
     matched_distance [m]: within which three quarters of the source points have a reference point,
@@ -145,13 +161,13 @@ def overlap(pair):
     }
 
 
-def duplicate_share(*clouds):
+def duplicate_share(*clouds: np.ndarray) -> float:
     """Share of the points of clouds (n, 3) that lie where an earlier one of their cloud does."""
     again = sum(len(cloud) - len(np.unique(cloud, axis=0)) for cloud in clouds)
     return again / sum(map(len, clouds))
 
 
-def ranges(pair, minimum_range):
+def ranges(pair: Pair, minimum_range: float) -> dict[str, float]:
     """Ranges [m] of both scans; points at the origin itself, which are no returns, do not count."""
     both = np.linalg.norm(np.concatenate([pair.reference, pair.source]), axis=1)
     returns = both[both > NO_RETURN]

@@ -16,7 +16,10 @@ together, or on the size of a neighbourhood.
 Measured: docs/engine.md.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -25,6 +28,14 @@ from icpshap.icp.keys import TOGETHER, decide, known, lowest
 from icpshap.icp.lanes import LANES, PRODUCTS, add_links
 from icpshap.icp.matching import match, squared_distance, work_arrays
 from icpshap.icp.trimming import ROOM, SAMPLE, predicted_bands, sampled_bands, select
+
+if TYPE_CHECKING:
+    from icpshap.icp import kdtree
+    from icpshap.icp.candidates import Lists
+    from icpshap.icp.chain import Chain
+    from icpshap.icp.matching import Work
+    from icpshap.icp.reference import Reference
+
 
 REPEATED_LINKS = 5_000_000  # of runs repeated together with a band that holds all their links
 QUERIES = 49_152  # about that many are matched together: their arrays stay in the cache
@@ -47,7 +58,7 @@ class Band(NamedTuple):
     lower: np.ndarray  # (R,) [m^2] links shorter than this are summed at once
     upper: np.ndarray  # (R,) [m^2] links at least this long are dropped
     start: np.ndarray  # (R + 1,) int64 each run's room in `links`
-    count: np.ndarray  # (R,) int64 links in the band; more than its room: some were not stored
+    number: np.ndarray  # (R,) int64 links in the band; more than its room: some were not stored
     # distance [m^2], found: reference point, tree order, position: source point, spatial order
     links: np.ndarray
 
@@ -61,36 +72,39 @@ class Sums(NamedTuple):
     links: np.ndarray  # (R,) int64 links made
 
 
-def once_each(function, arrays):
+Made = TypeVar("Made")
+
+
+def once_each(function: Callable[[np.ndarray], Made], arrays: Sequence[np.ndarray]) -> list[Made]:
     """[function(array) for array in arrays], computed once for every distinct object among them."""
     distinct = {id(array): array for array in arrays}
     results = {key: function(array) for key, array in distinct.items()}
     return [results[id(array)] for array in arrays]
 
 
-def make_batch(points, positions):
+def make_batch(points: np.ndarray, positions: list[np.ndarray]) -> Batch:
     """Batch of spatially ordered points (m, 3) and a list of R ascending int32 arrays."""
     distinct = list({id(run): run for run in positions}.values())
-    first = np.cumsum([0] + [len(run) for run in distinct[:-1]])
-    first = {id(run): start for run, start in zip(distinct, first, strict=True)}
+    starts = np.cumsum([0] + [len(run) for run in distinct[:-1]])
+    first = {id(run): start for run, start in zip(distinct, starts, strict=True)}
     edges = np.minimum(np.arange(0, len(points) + BLOCK, BLOCK), len(points)).astype(np.int32)
     block_start = once_each(lambda run: first[id(run)] + np.searchsorted(run, edges), positions)
     return Batch(points, np.concatenate(distinct), np.array(block_start))
 
 
-def band_room(links):
+def band_room(links: np.ndarray) -> np.ndarray:
     """How many links a band has room for, of runs with so many links (R,)."""
     return np.where(links > 2 * SAMPLE, (links * ROOM).astype(np.int64), links)
 
 
-def make_band(room):
+def make_band(room: np.ndarray) -> Band:
     """A band that holds every link, with room for `room` (R,) of them."""
     start = np.concatenate([[0], np.cumsum(room)])
     return Band(
         lower=np.full(len(room), -np.inf),
         upper=np.full(len(room), np.inf),
         start=start,
-        count=np.zeros(len(room), dtype=np.int64),
+        number=np.zeros(len(room), dtype=np.int64),
         links=np.empty(start[-1], dtype=BAND_LINK),
     )
 
@@ -129,12 +143,12 @@ def _decide(points, batch, work, run, queries, first, matches, limit, bounds, ba
                 kept += key >= kept_key
                 rows[link] = found
             elif d2 < upper:
-                entry = band.start[run] + band.count[run]
+                entry = band.start[run] + band.number[run]
                 if entry < band.start[run + 1]:
                     band.links[entry].distance = d2
                     band.links[entry].found = found
                     band.links[entry].position = batch.positions[first + query - queries[0]]
-                band.count[run] += 1
+                band.number[run] += 1
     sums.kept[run] += kept
     sums.links[run] += made
 
@@ -167,7 +181,20 @@ def _by_number(active, number):
 
 
 @jit
-def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, work, band, sums):
+def accumulate(
+    tree: kdtree.Tree,
+    lists: Lists,
+    surface: np.ndarray,
+    batch: Batch,
+    T: np.ndarray,
+    active: np.ndarray,
+    matches: int,
+    limit: float,
+    metric: int,
+    work: Work,
+    band: Band,
+    sums: Sums,
+) -> None:
     """Match the active runs at poses T (R, 4, 4); sum the links below each run's band."""
     # Named once: taking an array out of a tuple, or a slice of one, costs more than a link.
     points, positions, block_start = batch.points, batch.positions, batch.block_start
@@ -182,7 +209,7 @@ def accumulate(tree, lists, surface, batch, T, active, matches, limit, metric, w
         sums.products[run] = 0.0
         sums.kept[run] = 0
         sums.links[run] = 0
-        band.count[run] = 0
+        band.number[run] = 0
     blocks = block_start.shape[1] - 1
     first = last = 0
     while last < blocks:
@@ -236,7 +263,7 @@ def _find_thresholds(active, rank, band, sums, threshold):
         room = max(room, band.start[run + 1] - band.start[run])
     values = np.empty(room)
     for run in active:
-        first, count = band.start[run], band.count[run]
+        first, count = band.start[run], band.number[run]
         wanted = rank[run] - sums.kept[run]
         threshold[run] = np.nan
         if count > band.start[run + 1] - first:
@@ -250,7 +277,17 @@ def _find_thresholds(active, rank, band, sums, threshold):
 
 
 @jit
-def settle(surface, batch, T, active, metric, rank, band, sums, threshold):
+def settle(
+    surface: np.ndarray,
+    batch: Batch,
+    T: np.ndarray,
+    active: np.ndarray,
+    metric: int,
+    rank: np.ndarray,
+    band: Band,
+    sums: Sums,
+    threshold: np.ndarray,
+) -> None:
     """Find each active run's threshold in its band and add the links in the band up to it.
 
     rank: (R,) position of the threshold among a run's links; as many as its links: keep all.
@@ -269,7 +306,7 @@ def settle(surface, batch, T, active, metric, rank, band, sums, threshold):
             lane_run[lane], entry[lane], end[lane] = run, 0, 0
             if run < runs and not np.isnan(threshold[run]):
                 entry[lane] = band.start[run]
-                end[lane] = band.start[run] + band.count[run]
+                end[lane] = band.start[run] + band.number[run]
         while (entry < end).any():
             for lane in range(LANES):
                 run, filled = lane_run[lane], lane_begin[lane]
@@ -302,7 +339,9 @@ class KeptLinks:
     points: (m, 3) source points in spatial order [m]; positions: those of each run, ascending.
     """
 
-    def __init__(self, reference, points, positions, chain):
+    def __init__(
+        self, reference: Reference, points: np.ndarray, positions: list[np.ndarray], chain: Chain
+    ) -> None:
         self.tree = reference.tree
         self.lists = reference.lists(chain.matches)
         self.surface = reference.surface(chain.error_minimiser.needs_normals)
@@ -326,7 +365,7 @@ class KeptLinks:
         largest_block = np.diff(self.batch.block_start, axis=1).sum(axis=0).max()
         self.work = work_arrays(max(QUERIES, largest_block), chain.matches)
 
-    def __call__(self, active, T):
+    def __call__(self, active: np.ndarray, T: np.ndarray) -> Sums:
         """Sums of the active runs' kept links at T (R, 4, 4), source to centred reference."""
         self._choose_bands(active, T)
         self.previous[active] = self.threshold[active]
@@ -359,7 +398,7 @@ class KeptLinks:
         sample = make_band(room)
         self._sum(unknown, T, self.sample, sample)
         distance = sample.links["distance"].copy()
-        sampled_bands(distance, sample.start, sample.count, unknown, ratio, band.lower, band.upper)
+        sampled_bands(distance, sample.start, sample.number, unknown, ratio, band.lower, band.upper)
 
     def _sum(self, active, T, batch, band):
         limit = self.chain.maximum_distance

@@ -22,13 +22,16 @@ search and cannot change its result: they may be shared by runs in any order.
 Measured: docs/engine.md.
 """
 
+from __future__ import annotations
+
 import math
 from typing import NamedTuple
 
 import numpy as np
 
 from icpshap.icp import kdtree
-from icpshap.icp.compiled import jit, prefetch
+from icpshap.icp.compiled import jit
+from icpshap.icp.intrinsics import prefetch
 from icpshap.icp.network import LONGEST
 
 UNFILLED = 0
@@ -67,7 +70,7 @@ class Lists(NamedTuple):
     nearer: np.ndarray  # (n,) int64 points known to be nearer to the whole cube
 
 
-def empty_lists(tree):
+def empty_lists(tree: kdtree.Tree) -> Lists:
     """Lists without content; memory is touched only as they fill."""
     n = len(tree.points)
     low, high = tree.box[1, :3], tree.box[1, 3:]
@@ -170,7 +173,7 @@ def _fill_coarsest(tree, lists, matches, cell, cx, cy, cz, half, best, best_dist
 
 
 @jit
-def divide(lists, record):
+def divide(lists: Lists, record: int) -> int:
     """Give the cube of a record eight children, if there is room; returns the first of them or -1.
 
     The record stays readable.
@@ -251,7 +254,16 @@ def _spread(bits):
 
 
 @jit
-def locate(tree, lists, matches, x, y, z, count, where):
+def locate(
+    tree: kdtree.Tree,
+    lists: Lists,
+    matches: int,
+    x: np.ndarray,
+    y: np.ndarray,
+    z: np.ndarray,
+    count: int,
+    where: np.ndarray,
+) -> None:
     """where[i] = record of the list to search for query i; -1 if only the tree can answer.
 
     Queries go down level by level, many together and without a branch that depends on one of them,
@@ -310,13 +322,13 @@ def locate(tree, lists, matches, x, y, z, count, where):
             where[first + j] = record
 
 
-def forget(lists):
+def forget(lists: Lists) -> None:
     """Empty the lists again, when little room is left for new ones."""
     coarsest = int(np.prod(lists.shape))
     lists.cells[: lists.used[0]] = UNFILLED
     lists.used[:2] = coarsest, 0
 
 
-def nearly_full(lists):
+def nearly_full(lists: Lists) -> bool:
     """Whether less than a tenth of the room is left."""
     return lists.used[1] > 0.9 * len(lists.records) or lists.used[0] > 0.9 * len(lists.cells)

@@ -17,11 +17,11 @@ class Trimmed:
 
     ratio: float = 0.7
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not 0 < self.ratio <= 1:
             raise ValueError(f"Trimmed: ratio must be in (0, 1], not {self.ratio}.")
 
-    def rank(self, links):
+    def rank(self, links: np.ndarray) -> np.ndarray:
         """Position of the longest kept link among that many (R,), sorted; `links` keeps all."""
         return (links * self.ratio).astype(np.int64)
 
@@ -37,7 +37,7 @@ class Stopping:
     rotation: float = 1e-3
     translation: float = 1e-2
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.maximum_iterations < 1:
             raise ValueError(
                 f"Stopping: maximum_iterations must be at least 1, not {self.maximum_iterations}."
@@ -58,7 +58,7 @@ class Chain:
     maximum_distance: float | None = None
     stopping: Stopping = field(default_factory=Stopping)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.matches not in (1, 2, 3, 4, 5):
             raise ValueError(f"Chain: matches must be 1, 2, 3, 4 or 5, not {self.matches}.")
         if self.maximum_distance is not None and not self.maximum_distance > 0:

@@ -27,11 +27,13 @@ ROUNDING = 2e-14  # of poses: of their matrices, and in metres
 class Circles:
     """The last poses of R runs."""
 
-    def __init__(self, runs):
+    def __init__(self, runs: int) -> None:
         self.past = np.full((runs, LONGEST, 3, 4), np.nan)
         self.closed = np.zeros((runs, LONGEST + 1), dtype=np.int64)
 
-    def whole_rounds(self, active, T, turn, left):
+    def whole_rounds(
+        self, active: np.ndarray, T: np.ndarray, turn: int, left: np.ndarray
+    ) -> np.ndarray:
         """Iterations (n,) that the active runs can skip, of the (n,) that are left to each.
 
         T: (R, 4, 4) poses after iteration `turn`, which rises by one from call to call.

@@ -6,20 +6,24 @@ file of the function it is asked for, not in those it calls; so the cache has a 
 state of this package's files.
 """
 
+from __future__ import annotations
+
 import functools
 import hashlib
 import logging
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numba
-from llvmlite import ir
-from numba.core import cgutils, types
-from numba.extending import intrinsic
 
 from icpshap.icp.healing import heal
 
+if TYPE_CHECKING:
+    from numba.core.dispatcher import Dispatcher
 
-def jit(function):
+
+def jit(function: Callable) -> Dispatcher:
     """The function, compiled when it is first called; threads run it side by side."""
     return heal(numba.njit(function, cache=True, nogil=True, error_model="numpy"))
 
@@ -32,36 +36,18 @@ def _cache_directory():
     digest = hashlib.sha256()
     for source in sorted(package.glob("*.py")):
         digest.update(source.read_bytes())
-    base = numba.config.CACHE_DIR or package / "__pycache__"
+    base = numba.config.CACHE_DIR or package / "__pycache__"  # type: ignore[attr-defined]
     return str(Path(base) / f"icp-{digest.hexdigest()[:16]}")
 
 
-numba.config.CACHE_DIR = _cache_directory()
-
-
-@intrinsic
-def prefetch(typing_context, array, position):
-    """Ask for the cache line of array[position]; changes nothing but the time to read it."""
-
-    def generate(context, builder, signature, arguments):
-        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        address = builder.gep(data, [arguments[1]])
-        integer = ir.IntType(32)
-        address = builder.bitcast(address, integer.as_pointer())
-        kind = ir.FunctionType(ir.VoidType(), [address.type, integer, integer, integer])
-        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-        read, keep, data_cache = (ir.Constant(integer, value) for value in (0, 3, 1))
-        builder.call(function, [address, read, keep, data_cache])
-        return context.get_dummy_value()
-
-    return types.void(array, position), generate
+numba.config.CACHE_DIR = _cache_directory()  # type: ignore[attr-defined]  # numba makes it
 
 
 @functools.cache
-def announce_compilation(kernel):
+def announce_compilation(kernel: Dispatcher) -> None:
     """Log that the engine is compiled, once, if `kernel` is not in the cache already."""
     pattern = f"*.{kernel.py_func.__name__}-*.nbi"
-    if not any(Path(kernel.stats.cache_path).glob(pattern)):
+    if not any(Path(str(kernel.stats.cache_path)).glob(pattern)):
         _announce()
 
 

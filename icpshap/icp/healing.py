@@ -5,10 +5,17 @@ would fail on it until somebody deletes it; a flipped bit in it would be run as 
 every file carries a digest, and one that does not fit is as good as none: it is compiled again.
 """
 
+from __future__ import annotations
+
 import hashlib
 import pickle
+from typing import TYPE_CHECKING
 
 from numba.core import caching
+
+if TYPE_CHECKING:
+    from numba.core.dispatcher import Dispatcher
+
 
 DIGEST_BYTES = 32
 
@@ -30,7 +37,7 @@ class HealingFile(caching.IndexDataCacheFile):
         with self._open_for_write(self._index_path) as file:
             file.write(_with_digest(data))
 
-    def load(self, key):
+    def load(self, key: object) -> object:
         try:
             return super().load(key)
         except _UnfitError:
@@ -60,9 +67,9 @@ def _checked(data):
     return content
 
 
-def heal(dispatcher):
+def heal(dispatcher: Dispatcher) -> Dispatcher:
     """Let a compiled function that numba caches keep its files as `HealingFile`s."""
-    cache = dispatcher._cache
+    cache = dispatcher._cache  # type: ignore[attr-defined]  # of what numba caches
     cache._cache_file = HealingFile(
         cache_path=cache._cache_path,
         filename_base=cache._impl.filename_base,

@@ -22,6 +22,8 @@ lists do not cover. Measured at 350,000 points: 0.8 us a query of 3 neighbours, 
 matching does not use it alone (docs/engine.md).
 """
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np
@@ -39,10 +41,10 @@ class Tree(NamedTuple):
     points: (
         np.ndarray
     )  # (n, 4) x, y, z [m] in tree order; the fourth column aligns rows to 32 bytes
-    index: np.ndarray  # (n,) int32 row of each point in the original cloud
+    rows: np.ndarray  # (n,) int32 row of each point in the original cloud
     leaf_start: np.ndarray  # (L + 1,) int32 first point of each leaf
     box: np.ndarray  # (2 L, 6) lower and upper corner of every node's points; node 1 is the root
-    lowest: np.ndarray  # (2 L,) int32 lowest of every node's `index`
+    lowest: np.ndarray  # (2 L,) int32 lowest of every node's `rows`
 
 
 @jit
@@ -77,7 +79,7 @@ def _split_at(points, index, axis, start, stop, middle):
 
 
 @jit
-def build(points):
+def build(points: np.ndarray) -> Tree:
     """The k-d tree of points (n, 3), n >= 1."""
     n = points.shape[0]
     leaves = 1
@@ -131,8 +133,8 @@ def build(points):
 
 
 @jit
-def has_extent(box, node):
-    """Whether the points of a node differ."""
+def has_extent(box: np.ndarray, node: int) -> bool:
+    """Whether the points of a node differ; box (2 L, 6)."""
     return (
         (box[node, 0] < box[node, 3])
         | (box[node, 1] < box[node, 4])
@@ -141,7 +143,7 @@ def has_extent(box, node):
 
 
 @jit
-def box_distance(box, node, x, y, z):
+def box_distance(box: np.ndarray, node: int, x: float, y: float, z: float) -> float:
     """Squared distance from (x, y, z) to a node's box."""
     dx = max(max(box[node, 0] - x, x - box[node, 3]), 0.0)
     dy = max(max(box[node, 1] - y, y - box[node, 4]), 0.0)
@@ -155,7 +157,15 @@ def _follows(candidate, other, index):
 
 
 @jit
-def insert(found, distance, first, count, candidate, d2, index):
+def insert(
+    found: np.ndarray,
+    distance: np.ndarray,
+    first: int,
+    count: int,
+    candidate: int,
+    d2: float,
+    index: np.ndarray,
+) -> None:
     """Insert a candidate into the `count` best from entry `first` on, by (distance, index)."""
     t = first + count - 1
     if d2 > distance[t] or (d2 == distance[t] and _follows(candidate, found[t], index)):
@@ -172,14 +182,25 @@ def insert(found, distance, first, count, candidate, d2, index):
 
 
 @jit
-def nearest(tree, x, y, z, count, bound, found, distance, first, stack):
+def nearest(
+    tree: Tree,
+    x: float,
+    y: float,
+    z: float,
+    count: int,
+    bound: float,
+    found: np.ndarray,
+    distance: np.ndarray,
+    first: int,
+    stack: np.ndarray,
+) -> None:
     """The `count` nearest points: positions in tree order to `found`, squared distances [m^2].
 
     They are written from entry `first` on. `bound` is an upper bound of the last squared distance
     (np.inf if unknown). If fewer points lie within it, the remaining entries are -1 and `bound`.
     `stack` is an int32 work array.
     """
-    points, index, box, leaf_start = tree.points, tree.index, tree.box, tree.leaf_start
+    points, index, box, leaf_start = tree.points, tree.rows, tree.box, tree.leaf_start
     lowest = tree.lowest
     leaves = leaf_start.shape[0] - 1
     last = first + count - 1
@@ -213,7 +234,16 @@ def nearest(tree, x, y, z, count, bound, found, distance, first, stack):
 
 
 @jit
-def within(tree, x, y, z, radius, most, found, stack):
+def within(
+    tree: Tree,
+    x: float,
+    y: float,
+    z: float,
+    radius: float,
+    most: int,
+    found: np.ndarray,
+    stack: np.ndarray,
+) -> int:
     """Positions (tree order) of the points within radius [m] to `found`; returns their number.
 
     Of many coincident points about the `most` with the lowest indices, which are among them.
@@ -253,8 +283,8 @@ def within(tree, x, y, z, radius, most, found, stack):
 
 
 @jit
-def neighbour_distances(tree, count, samples):
-    """Distances [m] of about `samples` points to the farthest of their `count` nearest."""
+def neighbour_distances(tree: Tree, count: int, samples: int) -> np.ndarray:
+    """Distances (s,) [m] of about `samples` points to the farthest of their `count` nearest."""
     n = tree.points.shape[0]
     found = np.empty(count, np.int32)
     distance = np.empty(count)

@@ -17,15 +17,24 @@ a link was found, what is decided here is what its full length decides.
 Measured: docs/engine.md.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from llvmlite import ir
 from numba.core import types
-from numba.extending import intrinsic
 
 from icpshap.icp.compiled import jit
+from icpshap.icp.intrinsics import INTEGER, LONG, data_of, in_all_lanes, intrinsic
 from icpshap.icp.network import ABSOLUTE, PLACE, RELATIVE
+
+if TYPE_CHECKING:
+    from numba.core.typing.context import BaseContext
+    from numba.core.typing.templates import Signature
+
 
 TOGETHER = 16  # links
 NEVER = np.int32(0x7F800000)  # a key above all that are found
@@ -34,7 +43,7 @@ LARGEST_KEY = np.finfo(np.float32).max.view(np.int32)  # of all links that are a
 
 
 @jit
-def known(bound, largest, rounded):
+def known(bound: float, largest: float, rounded: np.ndarray) -> tuple[int, int]:
     """Keys (below, from): links with a smaller one are shorter, with that or a larger one are not.
 
     bound: squared length [m^2]; largest: `candidates.Lists.largest`; rounded: work array (1,)
@@ -52,7 +61,18 @@ def known(bound, largest, rounded):
 
 
 @intrinsic
-def decide(typing_context, links, first, last, kept, dropped, made, unmade, none, rows):
+def decide(
+    typing_context: BaseContext,
+    links: types.Type,
+    first: types.Type,
+    last: types.Type,
+    kept: types.Type,
+    dropped: types.Type,
+    made: types.Type,
+    unmade: types.Type,
+    none: types.Type,
+    rows: types.Type,
+) -> tuple[Signature, Callable]:
     """Rows of TOGETHER links from `first` on; what is known of those before `last`.
 
     links: int64, `matching.Work.links`. Keys (int32): below `kept` a link is kept, from `dropped`
@@ -63,30 +83,24 @@ def decide(typing_context, links, first, last, kept, dropped, made, unmade, none
     """
 
     def generate(context, builder, signature, arguments):
-        def pointer(argument, kind):
-            array = context.make_array(signature.args[argument])
-            address = builder.gep(array(context, builder, arguments[argument]).data, [arguments[1]])
-            return builder.bitcast(address, ir.VectorType(kind, TOGETHER).as_pointer())
-
-        integer, long = ir.IntType(32), ir.IntType(64)
-        integers, longs = ir.VectorType(integer, TOGETHER), ir.VectorType(long, TOGETHER)
+        data = data_of(context, builder, signature, arguments)
+        integers, longs = ir.VectorType(INTEGER, TOGETHER), ir.VectorType(LONG, TOGETHER)
         bits = ir.IntType(TOGETHER)
 
-        def everywhere(value):
-            single = builder.insert_element(
-                ir.Constant(integers, ir.Undefined), value, ir.Constant(integer, 0)
-            )
-            mask = ir.Constant(integers, [0] * TOGETHER)
-            return builder.shuffle_vector(single, ir.Constant(integers, ir.Undefined), mask)
+        def pointer(argument, kind):
+            return builder.bitcast(builder.gep(data(argument), [arguments[1]]), kind.as_pointer())
 
-        pairs = builder.load(pointer(0, long), align=8)
-        shift = ir.Constant(longs, [ir.Constant(long, 32)] * TOGETHER)
+        def everywhere(value):
+            return in_all_lanes(builder, value, integers)
+
+        pairs = builder.load(pointer(0, longs), align=8)
+        shift = ir.Constant(longs, [ir.Constant(LONG, 32)] * TOGETHER)
         keys = builder.trunc(builder.lshr(pairs, shift), integers)
         found = builder.trunc(pairs, integers)
         below_kept, below_dropped, below_made, below_unmade = (
             builder.icmp_signed("<", keys, everywhere(bound)) for bound in arguments[3:7]
         )
-        address = pointer(8, integer)
+        address = pointer(8, integers)
         builder.store(builder.select(below_kept, found, everywhere(arguments[7])), address, align=4)
         unsure = builder.or_(
             builder.and_(builder.not_(below_kept), below_dropped),
@@ -94,12 +108,12 @@ def decide(typing_context, links, first, last, kept, dropped, made, unmade, none
         )
         # Those from `last` on are another run's.
         remaining = builder.sub(arguments[2], arguments[1])
-        whole = builder.icmp_signed(">=", remaining, ir.Constant(long, TOGETHER))
-        ones = builder.shl(ir.Constant(long, 1), remaining)
-        ones = builder.sub(ones, ir.Constant(long, 1))
-        ones = builder.select(whole, ir.Constant(long, (1 << TOGETHER) - 1), ones)
+        whole = builder.icmp_signed(">=", remaining, ir.Constant(LONG, TOGETHER))
+        ones = builder.shl(ir.Constant(LONG, 1), remaining)
+        ones = builder.sub(ones, ir.Constant(LONG, 1))
+        ones = builder.select(whole, ir.Constant(LONG, (1 << TOGETHER) - 1), ones)
         known_kept, known_made, unsure = (
-            builder.and_(builder.zext(builder.bitcast(mask, bits), long), ones)
+            builder.and_(builder.zext(builder.bitcast(mask, bits), LONG), ones)
             for mask in (below_kept, below_made, unsure)
         )
         results = [builder.ctpop(known_kept), builder.ctpop(known_made), unsure]
@@ -110,7 +124,7 @@ def decide(typing_context, links, first, last, kept, dropped, made, unmade, none
 
 
 @intrinsic
-def lowest(typing_context, bits):
+def lowest(typing_context: BaseContext, bits: types.Type) -> tuple[Signature, Callable]:
     """Place of the lowest bit that is set."""
 
     def generate(context, builder, signature, arguments):

@@ -16,36 +16,46 @@ change a bit of a sum. Products are added by fused multiplication and addition, 
 Measured: docs/engine.md.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
-from numba.extending import intrinsic
 
+from icpshap.icp.intrinsics import INTEGER, LONG, data_of, intrinsic
 from icpshap.icp.minimisers import FEATURES, METRICS
+
+if TYPE_CHECKING:
+    from numba.core.typing.context import BaseContext
+    from numba.core.typing.templates import Signature
+
 
 LANES = 8
 PRODUCTS = FEATURES * (FEATURES + 1) // 2  # entries of the upper triangle
-INTEGER, LONG, DOUBLE = ir.IntType(32), ir.IntType(64), ir.DoubleType()
+DOUBLE = ir.DoubleType()
 NUMBERS = ir.VectorType(DOUBLE, LANES)
 
 
 class Lanes:
     """A number for each lane; arithmetic with it writes instructions."""
 
-    def __init__(self, builder, value):
+    def __init__(self, builder: ir.IRBuilder, value: ir.Value) -> None:
         self.builder, self.value = builder, value
 
-    def __add__(self, other):
+    def __add__(self, other: Lanes) -> Lanes:
         return Lanes(self.builder, self.builder.fadd(self.value, other.value))
 
-    def __sub__(self, other):
+    def __sub__(self, other: Lanes) -> Lanes:
         return Lanes(self.builder, self.builder.fsub(self.value, other.value))
 
-    def __mul__(self, other):
+    def __mul__(self, other: Lanes) -> Lanes:
         return Lanes(self.builder, self.builder.fmul(self.value, other.value))
 
 
-def gram_matrices(products):
+def gram_matrices(products: np.ndarray) -> np.ndarray:
     """Gram matrices (R, FEATURES, FEATURES) from their upper triangles (R, PRODUCTS)."""
     row, column = np.triu_indices(FEATURES)
     gram = np.empty((len(products), FEATURES, FEATURES))
@@ -75,8 +85,20 @@ def _columns(builder, rows):
 
 @intrinsic
 def add_links(
-    typing_context, metric, x, y, z, rows, matches, surface, start, count, spare, sums, runs
-):
+    typing_context: BaseContext,
+    metric: types.Type,
+    x: types.Type,
+    y: types.Type,
+    z: types.Type,
+    rows: types.Type,
+    matches: types.Type,
+    surface: types.Type,
+    start: types.Type,
+    count: types.Type,
+    spare: types.Type,
+    sums: types.Type,
+    runs: types.Type,
+) -> tuple[Signature, Callable]:
     """Add the kept links of up to LANES runs to their sums.
 
     x, y, z: (q,) queries [m], those of a run one after the other; rows: (q matches,) int32 row in
@@ -86,9 +108,7 @@ def add_links(
     """
 
     def generate(context, builder, signature, arguments):
-        def data(argument):
-            array = context.make_array(signature.args[argument])
-            return array(context, builder, arguments[argument]).data
+        data = data_of(context, builder, signature, arguments)
 
         def loaded(argument, index):
             return builder.load(builder.gep(data(argument), [index]))

@@ -14,13 +14,16 @@ distance is surely shorter than a bound, and from which one it is not, whichever
 Measured: docs/engine.md.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from icpshap.icp import kdtree, keys
 from icpshap.icp.candidates import HEADER, SHORT, WORTH_SPLITTING, divide, locate
-from icpshap.icp.compiled import jit, prefetch
+from icpshap.icp.compiled import jit
+from icpshap.icp.intrinsics import prefetch
 from icpshap.icp.network import (
     LANES,
     LONGEST,
@@ -29,6 +32,10 @@ from icpshap.icp.network import (
     nearest_one,
     nearest_three,
 )
+
+if TYPE_CHECKING:
+    from icpshap.icp.candidates import Lists
+
 
 GROUPS_AHEAD = 6  # groups before a list is read, it is asked for
 LINES_AHEAD = 5  # cache lines of it
@@ -52,20 +59,20 @@ class Work(NamedTuple):
     nearest: np.ndarray  # (5 LANES,) int32 keys of the nearest, one row of LANES for each rank
 
 
-def work_arrays(queries, matches):
+def work_arrays(queries: int, matches: int) -> Work:
     """Work for up to that many queries."""
     # One place more than a pass over several links can write behind the last query.
-    coordinates = [np.zeros(queries + keys.TOGETHER + 1) for _ in range(3)]
+    x, y, z = (np.zeros(queries + keys.TOGETHER + 1) for _ in range(3))
     where, group_list, group_end = (np.empty(queries, dtype=np.int32) for _ in range(3))
     # The lanes behind the last query of a group are computed and ignored: they must exist.
     ordered = np.zeros((queries + LANES, 4), dtype=np.float32)
     nearest = np.zeros(5 * LANES, dtype=np.int32)
     links = np.zeros(queries * matches + keys.TOGETHER, dtype=np.int64)
-    return Work(*coordinates, links, where, ordered, group_list, group_end, nearest)
+    return Work(x, y, z, links, where, ordered, group_list, group_end, nearest)
 
 
 @jit
-def squared_distance(points, q, x, y, z):
+def squared_distance(points: np.ndarray, q: int, x: float, y: float, z: float) -> float:
     """From (x, y, z) to points[q] [m^2], by the operations of the k-d tree."""
     dx, dy, dz = points[q, 0] - x, points[q, 1] - y, points[q, 2] - z
     return dx * dx + dy * dy + dz * dz
@@ -136,14 +143,16 @@ def _sort_by_list(records, count, work):
 
 
 @jit
-def match(tree, lists, matches, limit, count, work):
+def match(
+    tree: kdtree.Tree, lists: Lists, matches: int, limit: float, count: int, work: Work
+) -> None:
     """Links of the first `count` queries of `work` to their k nearest reference points.
 
     A link is left out only if it is longer than the square root of `limit`; some that are may stay.
     """
     # Named once: taking an array out of a tuple, or a slice of one, costs more than a distance.
     largest = lists.largest
-    points, index, records, coarse = tree.points, tree.index, lists.records, lists.coarse
+    points, index, records, coarse = tree.points, tree.rows, lists.records, lists.coarse
     qx, qy, qz, where, ordered = work.x, work.y, work.z, work.where, work.ordered
     group_list, group_end, links = work.group_list, work.group_end, work.links
     nearest = work.nearest
@@ -210,7 +219,15 @@ def match(tree, lists, matches, limit, count, work):
 
 
 @jit
-def measure(points, limit, count, matches, work, found, distance):
+def measure(
+    points: np.ndarray,
+    limit: float,
+    count: int,
+    matches: int,
+    work: Work,
+    found: np.ndarray,
+    distance: np.ndarray,
+) -> None:
     """Reference points and squared lengths [m^2] of the first `count` queries' links.
 
     found, distance: (count * matches,); -1 and infinity for those longer than the square root of

@@ -19,6 +19,7 @@ not cancel.
 Measured: docs/engine.md.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,19 +30,23 @@ SINGULAR = 1e-12  # smallest against largest eigenvalue below which a direction 
 ROUNDING = 2.0**-53  # of one term of a sum, relative; a sum of n terms has rounded n times
 
 
-def plane_features(x, y, z, a, b, c, d):
+def plane_features(
+    x: float, y: float, z: float, a: float, b: float, c: float, d: float
+) -> tuple[float, ...]:
     """Of a link to the tangent plane a x + b y + c z = d."""
     distance = d - (x * a + y * b + z * c)
     return y * c - z * b, z * a - x * c, x * b - y * a, a, b, c, distance
 
 
-def point_features(x, y, z, a, b, c, one):
+def point_features(
+    x: float, y: float, z: float, a: float, b: float, c: float, one: float
+) -> tuple[float, ...]:
     """Of a link to the point (a, b, c)."""
     px, py, pz = x * one, y * one, z * one
     return px, py, pz, px - a, py - b, pz - c, one
 
 
-METRICS = (plane_features, point_features)
+METRICS: tuple[Callable[..., tuple], ...] = (plane_features, point_features)
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,7 @@ class PointToPlane:
     minimum_links = 6
     needs_normals = True
 
-    def step(self, gram):
+    def step(self, gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Steps (R, 4, 4) and which are determined (R,), from Gram matrices (R, 7, 7)."""
         normal_matrix, right = gram[:, :6, :6], gram[:, :6, 6]
         # Unit diagonal: whether it is singular must not depend on the unit of length.
@@ -72,7 +77,7 @@ class PointToPlane:
         x[~determined] = 0.0
         return _rigid(Rotation.from_rotvec(x[:, :3]).as_matrix(), x[:, 3:]), determined
 
-    def squared_error(self, gram):
+    def squared_error(self, gram: np.ndarray) -> np.ndarray:
         """Sum of squared distances to the planes (R,) [m^2]."""
         return gram[:, 6, 6]
 
@@ -85,7 +90,7 @@ class PointToPoint:
     minimum_links = 3
     needs_normals = False
 
-    def step(self, gram):
+    def step(self, gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Steps (R, 4, 4) and which are determined (R,), from Gram matrices (R, 7, 7)."""
         count = gram[:, 6, 6, None]
         p_mean = gram[:, :3, 6] / count
@@ -103,7 +108,7 @@ class PointToPoint:
         translation = q_mean - np.einsum("rij,rj->ri", rotation, p_mean)
         return _rigid(rotation, translation), determined
 
-    def squared_error(self, gram):
+    def squared_error(self, gram: np.ndarray) -> np.ndarray:
         """Sum of squared link lengths (R,) [m^2]."""
         return gram[:, 3, 3] + gram[:, 4, 4] + gram[:, 5, 5]
 

@@ -3,10 +3,18 @@
 For estimators that linearise at a pose, or that move particles instead of whole runs.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from icpshap.icp.matching import match, measure, work_arrays
 from icpshap.icp.reference import checked_points
+
+if TYPE_CHECKING:
+    from icpshap.icp.reference import Reference
+
 
 QUERIES = 32_768  # are matched together: their arrays stay in the cache
 
@@ -14,12 +22,12 @@ QUERIES = 32_768  # are matched together: their arrays stay in the cache
 class Matcher:
     """The `matches` nearest points of a Reference; keeps its arrays from call to call."""
 
-    def __init__(self, reference, matches=1):
+    def __init__(self, reference: Reference, matches: int = 1) -> None:
         self.reference = reference
         self.matches = matches
         self._work = work_arrays(QUERIES, matches)
 
-    def __call__(self, points, limit=np.inf):
+    def __call__(self, points: np.ndarray, limit: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
         """Squared distances [m^2] and rows of the matches of points (m, 3) [m], reference frame.
 
         Both (m, matches), nearest first, the lowest row on ties. A link whose squared distance
@@ -37,7 +45,7 @@ class Matcher:
         for first in range(0, len(points), QUERIES):
             part = slice(first, first + QUERIES)
             self._match(points[part], limit, found[part].reshape(-1), distance[part].reshape(-1))
-        rows = np.where(found >= 0, self.reference.tree.index[found], -1)
+        rows = np.where(found >= 0, self.reference.tree.rows[found], -1)
         return distance, rows
 
     def _match(self, points, limit, found, distance):

@@ -26,7 +26,8 @@ import itertools
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
-from numba.extending import intrinsic
+
+from icpshap.icp.intrinsics import INTEGER, LONG, data_of, in_all_lanes, intrinsic
 
 LANES = 16
 PLACE = 255  # the bits of a key that hold a place
@@ -48,35 +49,24 @@ def _network(ranks):
     @intrinsic
     def nearest(typing_context, coarse, records, first, count, queries, begin, largest, key):
         def generate(context, builder, signature, arguments):
-            def data(argument):
-                array = context.make_array(signature.args[argument])
-                return array(context, builder, arguments[argument]).data
-
-            long, integer = ir.IntType(64), ir.IntType(32)
+            data = data_of(context, builder, signature, arguments)
             double, real = ir.DoubleType(), ir.FloatType()
-            integers, reals = ir.VectorType(integer, LANES), ir.VectorType(real, LANES)
+            integers, reals = ir.VectorType(INTEGER, LANES), ir.VectorType(real, LANES)
 
             def vector_at(pointer, start, kind):
                 return builder.bitcast(builder.gep(pointer, [start]), kind.as_pointer())
-
-            def everywhere(value, kind):
-                single = builder.insert_element(
-                    ir.Constant(kind, ir.Undefined), value, ir.Constant(integer, 0)
-                )
-                mask = ir.Constant(ir.VectorType(integer, LANES), [0] * LANES)
-                return builder.shuffle_vector(single, ir.Constant(kind, ir.Undefined), mask)
 
             def constant(value, kind=integers):
                 return ir.Constant(kind, [ir.Constant(kind.element, value)] * LANES)
 
             # Rows of four to columns.
             all_rows = ir.VectorType(real, 4 * LANES)
-            start = builder.mul(arguments[5], ir.Constant(long, 4))
+            start = builder.mul(arguments[5], ir.Constant(LONG, 4))
             rows = builder.load(vector_at(data(4), start, all_rows), align=4)
             unused = ir.Constant(all_rows, ir.Undefined)
             query = []
             for axis in range(3):
-                column = [ir.Constant(integer, 4 * lane + axis) for lane in range(LANES)]
+                column = [ir.Constant(INTEGER, 4 * lane + axis) for lane in range(LANES)]
                 query.append(builder.shuffle_vector(rows, unused, ir.Constant(integers, column)))
 
             # A key above all others, yet a finite number.
@@ -86,20 +76,20 @@ def _network(ranks):
                 builder.store(constant(int(unset)), row)
             with cgutils.for_range(builder, arguments[3]) as loop:
                 entry = builder.gep(data(1), [builder.add(arguments[2], loop.index)])
-                candidate = builder.sext(builder.load(entry), long)
-                base = builder.mul(candidate, ir.Constant(long, 4))
+                candidate = builder.sext(builder.load(entry), LONG)
+                base = builder.mul(candidate, ir.Constant(LONG, 4))
                 squared = None
                 for axis in range(3):
-                    offset = builder.add(base, ir.Constant(long, axis))
+                    offset = builder.add(base, ir.Constant(LONG, axis))
                     coordinate = builder.load(builder.gep(data(0), [offset]))
-                    difference = builder.fsub(everywhere(coordinate, reals), query[axis])
+                    difference = builder.fsub(in_all_lanes(builder, coordinate, reals), query[axis])
                     square = builder.fmul(difference, difference, flags=("contract",))
                     if squared is not None:
                         square = builder.fadd(squared, square, flags=("contract",))
                     squared = square
                 value = builder.and_(builder.bitcast(squared, integers), constant(~PLACE))
-                number = builder.trunc(loop.index, integer)
-                value = builder.or_(value, everywhere(number, integers))
+                number = builder.trunc(loop.index, INTEGER)
+                value = builder.or_(value, in_all_lanes(builder, number, integers))
                 for row in smallest:
                     kept = builder.load(row)
                     less = builder.icmp_signed("<", value, kept)
@@ -115,16 +105,16 @@ def _network(ranks):
             fits = builder.fcmp_ordered("<=", arguments[6], ir.Constant(double, LARGEST))
             absolute = builder.fmul(arguments[6], ir.Constant(double, ABSOLUTE))
             absolute = builder.select(fits, absolute, ir.Constant(double, np.inf))
-            absolute = everywhere(builder.fptrunc(absolute, real), reals)
+            absolute = in_all_lanes(builder, builder.fptrunc(absolute, real), reals)
             for nearer, farther in itertools.pairwise(bare):
                 bound = builder.fmul(farther, constant(1.0 - RELATIVE, reals))
                 bound = builder.fsub(bound, builder.fmul(absolute, builder.call(root, [farther])))
                 decided = builder.and_(decided, builder.fcmp_ordered("<", nearer, bound))
             for number, nearest_key in enumerate(keys[:-1]):
-                address = vector_at(data(7), ir.Constant(long, number * LANES), integers)
+                address = vector_at(data(7), ir.Constant(LONG, number * LANES), integers)
                 builder.store(nearest_key, address, align=4)
             bits = builder.bitcast(builder.not_(decided), ir.IntType(LANES))
-            return builder.zext(bits, long)
+            return builder.zext(bits, LONG)
 
         inputs = (coarse, records, types.int64, types.int64, queries, types.int64, largest, key)
         return types.uint64(*inputs), generate

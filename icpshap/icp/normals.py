@@ -57,7 +57,7 @@ def _smallest_eigenvector(matrix, vectors):
 
 
 @jit
-def planes(tree, neighbours, radius):
+def planes(tree: kdtree.Tree, neighbours: int, radius: float) -> np.ndarray:
     """Tangent planes in tree order: unit normal, and its product with the point [m].
 
     (n + 1, 4); the last row is zero, for links to nothing. From that many neighbours, the point

@@ -22,7 +22,7 @@ SPREAD = (
 )
 
 
-def spatial(points, rows):
+def spatial(points: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """`rows` (k,), ascending, of the points (n, 3) [m], in spatial order."""
     # Of a tenth of the points at either end of an axis nothing is known: one of them may be far.
     some = points[:: max(len(points) // SAMPLE, 1)]

@@ -18,12 +18,12 @@ PATIENCE = 64  # readings of all values after which pivots are drawn
 
 
 @jit
-def drawn(number):
+def drawn(number: int) -> int:
     """The number after `number` (31 bits), which starts with FIRST."""
     return (number * 1103515245 + 12345) & 0x7FFFFFFF
 
 
 @jit
-def place(number, low, high):
+def place(number: int, low: int, high: int) -> int:
     """The place between low and high, both included, that a drawn number means."""
     return low + ((number * (high - low + 1)) >> 31)

@@ -19,7 +19,16 @@ FLATNESS = 1e-3
 
 
 @jit
-def linearise(points, normals, reference_points, reference_normals, found, T, matrix, gradient):
+def linearise(
+    points: np.ndarray,
+    normals: np.ndarray,
+    reference_points: np.ndarray,
+    reference_normals: np.ndarray,
+    found: np.ndarray,
+    T: np.ndarray,
+    matrix: np.ndarray,
+    gradient: np.ndarray,
+) -> tuple[float, float, int]:
     """Sums over the links from points (m, 3) [m] to rows `found` (m,) of the reference.
 
     normals (m, 3), reference_points, reference_normals (n, 3): each in its own frame; found: -1

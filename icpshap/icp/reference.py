@@ -4,7 +4,10 @@ Everything is made when first needed and kept, so one Reference serves every cal
 with the same reference points: all initial poses, overlap levels and runs of one noise level.
 """
 
+from __future__ import annotations
+
 import functools
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,15 +16,19 @@ from icpshap.icp.candidates import empty_lists, forget, nearly_full
 from icpshap.icp.compiled import announce_compilation
 from icpshap.icp.normals import planes
 
+if TYPE_CHECKING:
+    from icpshap.icp.candidates import Lists
+
+
 LARGEST_COORDINATE = 1e30  # m; the squares of products still fit
 
 
-def minimum_range(points, minimum):
+def minimum_range(points: np.ndarray, minimum: float) -> np.ndarray:
     """Mask (n,) of the points (n, 3) farther than `minimum` [m] from their frame's origin."""
     return np.linalg.norm(points, axis=1) > minimum
 
 
-def checked_points(points, what):
+def checked_points(points: np.ndarray, what: str) -> np.ndarray:
     """`points` as a float64 array (n, 3), n >= 1.
 
     Raises ValueError if it is not, or not finite, or so large that its squares overflow.
@@ -52,20 +59,22 @@ class Reference:
     [m]: with all others within it, or None for no others.
     """
 
-    def __init__(self, points, normal_neighbours=7, normal_radius=None):
+    def __init__(
+        self, points: np.ndarray, normal_neighbours: int = 7, normal_radius: float | None = None
+    ) -> None:
         points = checked_points(points, "reference cloud")
         self.normal_neighbours = normal_neighbours
         self.normal_radius = normal_radius or 0.0
         self.mean = points.mean(axis=0)
         self._size = len(points)
         self._centred = points - self.mean
-        self._lists = {}
+        self._lists: dict[int, Lists] = {}
 
-    def __len__(self):
+    def __len__(self) -> int:
         return self._size
 
     @functools.cached_property
-    def tree(self):
+    def tree(self) -> kdtree.Tree:
         """k-d tree of the points minus their mean."""
         announce_compilation(kdtree.build)
         tree = kdtree.build(self._centred)
@@ -73,7 +82,7 @@ class Reference:
         return tree
 
     @property
-    def planes(self):
+    def planes(self) -> np.ndarray:
         """Unit normal, normal . point [m] (n, 4) in the tree's order. ValueError if n is too small.
 
         The sign of a normal is arbitrary.
@@ -90,17 +99,17 @@ class Reference:
         return planes(self.tree, self.normal_neighbours, self.normal_radius)
 
     @property
-    def normals(self):
+    def normals(self) -> np.ndarray:
         """Unit normals (n, 3) in the tree's order."""
         return self.planes[:, :3]
 
-    def in_rows(self, values):
+    def in_rows(self, values: np.ndarray) -> np.ndarray:
         """Values (n, ...) in the tree's order, in the order of the points that were given."""
         result = np.empty_like(values)
-        result[self.tree.index] = values
+        result[self.tree.rows] = values
         return result
 
-    def surface(self, with_normals):
+    def surface(self, with_normals: bool) -> np.ndarray:
         """What the features of a link to a point need, in the tree's order, and a row of zeros.
 
         (n + 1, 4): the tangent plane or, without normals, x, y, z, 1. Rows of 32 bytes: half a
@@ -115,7 +124,7 @@ class Reference:
         surface[:-1, 3] = 1.0
         return surface
 
-    def lists(self, matches):
+    def lists(self, matches: int) -> Lists:
         """The candidate lists for that many matches, which fill as they are used."""
         if matches not in self._lists:
             self._lists[matches] = empty_lists(self.tree)

@@ -10,9 +10,13 @@ their order, nor how many fit into memory can change a bit of the result.
 Measured: docs/engine.md.
 """
 
+from __future__ import annotations
+
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,6 +34,11 @@ from icpshap.icp.compiled import announce_compilation, jit
 from icpshap.icp.lanes import gram_matrices
 from icpshap.icp.order import spatial
 from icpshap.icp.reference import checked_points
+
+if TYPE_CHECKING:
+    from icpshap.icp.chain import Chain
+    from icpshap.icp.reference import Reference
+
 
 STATUS = ("ok", "max_iterations", "too_few_links", "degenerate")
 BATCH_BYTES = 400_000_000  # of the positions, bands and past of the runs of a batch
@@ -51,7 +60,13 @@ class Registrations:
     inlier_ratio: np.ndarray  # (R,) kept links of the last matching / (matches * source points)
 
 
-def register(reference, source, rows, T_initial, chain):
+def register(
+    reference: Reference,
+    source: np.ndarray,
+    rows: Sequence[np.ndarray],
+    T_initial: np.ndarray,
+    chain: Chain,
+) -> Registrations:
     """ICP of R runs: source points (m, 3) [m], source frame, onto a Reference.
 
     rows: R ascending integer arrays, the source rows each run uses. Runs that are given the same

@@ -25,7 +25,7 @@ ROOM = 0.2  # share of a run's links that a band may hold
 
 
 @jit
-def select(values, count, rank):
+def select(values: np.ndarray, count: int, rank: int) -> float:
     """The `rank`-th smallest (0-based) of values[:count], which is reordered (quickselect)."""
     low, high = 0, count - 1
     patience = pivots.PATIENCE * count
@@ -58,7 +58,15 @@ def select(values, count, rank):
 
 
 @jit
-def sampled_bands(distance, start, count, active, ratio, lower, upper):
+def sampled_bands(
+    distance: np.ndarray,
+    start: np.ndarray,
+    count: np.ndarray,
+    active: np.ndarray,
+    ratio: float,
+    lower: np.ndarray,
+    upper: np.ndarray,
+) -> None:
     """Set the active runs' bands from the lengths of a sample of their links, which is reordered.
 
     distance[start[run]:] holds count[run] squared lengths [m^2].
@@ -73,7 +81,9 @@ def sampled_bands(distance, start, count, active, ratio, lower, upper):
         lower[run] = select(values, rest, below) if 0 < below < rest else -np.inf
 
 
-def predicted_bands(threshold, previous):
+def predicted_bands(
+    threshold: np.ndarray, previous: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Bands (lower, upper) and where to use them, (R,) each, from the last two thresholds (R,)."""
     with np.errstate(invalid="ignore", divide="ignore"):
         change = threshold / previous

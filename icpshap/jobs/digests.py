@@ -1,18 +1,26 @@
 """What a result was made with: digests of code and data."""
 
+from __future__ import annotations
+
 import ast
 import hashlib
 import sys
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 from icpshap import registry
 from icpshap.causes import CAUSES
 from icpshap.data.formats import READERS
 from icpshap.estimators import KINDS
+
+if TYPE_CHECKING:
+    from icpshap.estimators import Estimator
+
 
 LIBRARY = Path(__file__).resolve().parent.parent
 READ_AND_WRITE = ("tables.py", "errors.py", "jobs/logs.py", "jobs/digests.py")
@@ -20,14 +28,14 @@ READ_AND_WRITE = ("tables.py", "errors.py", "jobs/logs.py", "jobs/digests.py")
 CHOSEN = ("causes", "estimators", "formats")
 
 
-def code_digest(script, plugins=()):
+def code_digest(script: str | Path, plugins: Iterable[type | ModuleType] = ()) -> str:
     """Digest of the library modules that a script imports, directly or through one another.
 
     plugins: the causes, estimators and readers of scan formats that it meets, found without being
     imported by name, and modules of the user's own. Of these their file counts, and the version of
-    each package that it imports or belongs to, but no other file. Docstrings, comments and layout
-    do not count, nor do the modules that only read and write, so that only a change of what is
-    computed does. (`tables` refuses a file with other columns.)
+    each package that it imports or belongs to, but no other file. Docstrings, comments, types of
+    functions and layout do not count, nor do the modules that only read and write, so that only a
+    change of what is computed does. (`tables` refuses a file with other columns.)
     """
     own = [plugin for plugin in plugins if isinstance(plugin, ModuleType)]
     modules = {sys.modules[plugin.__module__] for plugin in plugins if plugin not in own}
@@ -61,23 +69,23 @@ def _digest(*files, own=()):
     return digest.hexdigest()[:16]
 
 
-def plugin_names(estimator):
+def plugin_names(estimator: Estimator) -> dict[str, Any]:
     """What `plugins` finds those of an estimators.Estimator by, as JSON can hold it."""
     names = {"kind": estimator.kind.name, "causes": list(estimator.causes)}
     own = [module.__name__ for module in estimator.kind.modules]
     return names | ({"modules": own} if own else {})
 
 
-def plugins(names):
+def plugins(names: Mapping[str, Any]) -> list[type | ModuleType]:
     """What has these names: `kind` or `kinds`, `modules`, `causes`; `formats` by their suffixes."""
-    found = [KINDS[names["kind"]]] if "kind" in names else []
+    found: list[type | ModuleType] = [KINDS[names["kind"]]] if "kind" in names else []
     found += [KINDS[name] for name in names.get("kinds", ())]
     found += [registry.imported(name) for name in names.get("modules", ())]
     found += [CAUSES[name] for name in names.get("causes", ())]
     return found + [READERS[suffix] for suffix in names.get("formats", ())]
 
 
-def sha256(path):
+def sha256(path: str | Path) -> str:
     """SHA256 of a file's bytes."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -116,7 +124,7 @@ def _packages(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name.split(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            names.add(node.module.split(".")[0])
+            names.add((node.module or "").split(".")[0])
     return names
 
 
@@ -126,12 +134,31 @@ def _text(path):
 
 @cache  # most modules are part of many digests, and parsing them is what a digest costs
 def _code(text):
-    """A module's code without docstrings, comments and layout."""
-    tree = ast.parse(text)
+    """A module's code without docstrings, comments, types of functions and layout."""
+    tree = _Computing().visit(ast.parse(text))
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and _has_docstring(node):
-            node.body[0].value.value = ""
+            node.body[0] = ast.Expr(ast.Constant(""))
     return ast.unparse(tree)
+
+
+class _Computing(ast.NodeTransformer):
+    """A module without what is there for types alone. (Those of fields decide what options are.)"""
+
+    def visit_If(self, node):
+        named = isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+        return None if named else self.generic_visit(node)
+
+    def visit_ImportFrom(self, node):
+        return None if node.module in ("__future__", "typing", "collections.abc") else node
+
+    def visit_FunctionDef(self, node):
+        node.returns = None
+        return self.generic_visit(node)
+
+    def visit_arg(self, node):
+        node.annotation = None
+        return node
 
 
 def _imported(path, seen):
@@ -156,7 +183,7 @@ def _modules_of(path):
 def _imported_names(text):
     """Dotted names of what a module's text imports of the library."""
     names = []
-    for node in ast.walk(ast.parse(text)):
+    for node in ast.walk(_Computing().visit(ast.parse(text))):
         if isinstance(node, ast.ImportFrom):
             names += [f"{node.module or ''}.{alias.name}" for alias in node.names]
         elif isinstance(node, ast.Import):

@@ -1,5 +1,8 @@
 """The tables of an explanation of a sequence, made from the files of its jobs."""
 
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
 import pandas as pd
 
 from icpshap import plan, tables
@@ -11,7 +14,13 @@ from icpshap.jobs import plans, played
 from icpshap.tables import PAIR
 
 
-def explained(paths, planned, jobs, checked, only=None):
+def explained(
+    paths: Any,
+    planned: Mapping[str, Any],
+    jobs: Sequence[str],
+    checked: Sequence[str],
+    only: Collection[tuple[int, int]] | None = None,
+) -> dict[str, pd.DataFrame]:
     """Frames by name of the table, of all pairs of a sequence or of those of `only`.
 
     paths: lists of files `pairs` and `fit` of the jobs that check, `runs` and `estimates` of those

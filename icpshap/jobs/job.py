@@ -1,8 +1,11 @@
 """A job of the workflow: where it writes, whose code it runs, and when it ends."""
 
 import os
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
+from typing import Any, TextIO
 
 from icpshap.errors import UserError
 from icpshap.jobs import digests, parents
@@ -14,7 +17,7 @@ class CodeError(UserError):
 
 
 @contextmanager
-def job(snakemake, script):
+def job(snakemake: Any, script: str) -> Iterator[TextIO]:
     """Run what a script does: into its log, with the code that was planned, while its parent lives.
 
     script: the script's own file. The parameter `plan`, or the parameters themselves, say what is
@@ -32,7 +35,7 @@ def job(snakemake, script):
         yield terminal
 
 
-def check_code(script, plugins, planned):
+def check_code(script: str, plugins: Iterable[type | ModuleType], planned: str) -> None:
     """Raise CodeError unless the code that is imported has the digest that was planned."""
     found = digests.code_digest(script, plugins)
     if found != planned:

@@ -3,7 +3,10 @@
 import logging
 import os
 import sys
+from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import TextIO
 
 from icpshap.errors import UserError
 
@@ -11,7 +14,7 @@ INTERRUPTED = "Interrupted."
 
 
 @contextmanager
-def job_log(path):
+def job_log(path: str | Path) -> Iterator[TextIO]:
     """Send all that a job writes, compiled libraries included, to the file `path`.
 
     Yields the terminal as it was, for the one line that a job says. Of a UserError the message

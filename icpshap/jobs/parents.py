@@ -15,7 +15,7 @@ DEAF = "set -euo pipefail; trap '' INT; "  # what a shell does before it starts 
 SECONDS = 0.5  # between two looks
 
 
-def be_parent():
+def be_parent() -> None:
     """Tell the jobs that this process starts whose they are."""
     Path(STOPPED.format(os.getpid())).unlink(missing_ok=True)
     os.environ[PARENT] = f"{os.getpid()}:{_born(os.getpid())}"
@@ -28,12 +28,12 @@ class CtrlC:
     Snakemake itself has to wait for their end.
     """
 
-    def __init__(self, text):
+    def __init__(self, text: str) -> None:
         self.text = text
         self.pressed = False
         self.has_jobs = False
 
-    def __call__(self, *_):
+    def __call__(self, *_: object) -> None:
         self.pressed = True
         if not self.has_jobs:
             raise SystemExit(self.text)
@@ -41,12 +41,12 @@ class CtrlC:
         raise KeyboardInterrupt
 
 
-def be_nobodys():
+def be_nobodys() -> None:
     """Forget a parent: a job of a scheduler may run on another machine."""
     os.environ.pop(PARENT, None)
 
 
-def end_with_parent():
+def end_with_parent() -> None:
     """End this process, in a thread that watches, as soon as its run is gone."""
     if PARENT in os.environ:
         pid, born = os.environ[PARENT].split(":")

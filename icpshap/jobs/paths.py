@@ -42,8 +42,12 @@ SO_FAR = "results/so_far"
 LOGS = "logs"
 
 
-def at(template, **values):
-    """A template with some of its wildcards filled in; the others stay."""
+def at(template: str, **values: object) -> str:
+    """A template with some of its wildcards filled in; the others stay.
+
+    >>> at("results/{experiment}/{sequence}", experiment="a")
+    'results/a/{sequence}'
+    """
     for name, value in values.items():
         template = template.replace(f"{{{name}}}", str(value))
     return template

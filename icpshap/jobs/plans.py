@@ -7,11 +7,16 @@ the workflow runs again what has another; it is in the file's metadata, so that 
 plan is known when everything else is lost.
 """
 
+from __future__ import annotations
+
 import os
 import platform
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
 from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from icpshap import causes, options, plan, storage
 from icpshap.data import pair as pair_module
@@ -20,18 +25,23 @@ from icpshap.errors import UserError
 from icpshap.jobs import digests
 from icpshap.tables import TableError
 
+if TYPE_CHECKING:
+    from icpshap.config import Config
+    from icpshap.estimators import Estimator
+
+
 READ_BY = ("columns", "quaternion")  # keys of a folder that decide what its poses are read as
 COMPUTING = ("numba", "numpy", "pandas", "pyarrow", "scipy")
 
 
 @cache
-def versions():
+def versions() -> dict[str, str]:
     """The versions that decide numbers, and the architecture; the processor is only recorded."""
     found = {name: metadata.version(name) for name in COMPUTING}
     return {**found, "machine": platform.machine()}
 
 
-def stamp(path):
+def stamp(path: str | Path) -> dict[str, Any]:
     """A file from outside as far as it is known without reading it; None if it is not there."""
     try:
         status = os.stat(path)
@@ -40,12 +50,12 @@ def stamp(path):
     return {"path": str(path), "size": status.st_size, "mtime_ns": status.st_mtime_ns}
 
 
-def digest(plan):
+def digest(plan: object) -> str:
     """Short digest of a plan, by which two are compared."""
     return storage.digest_of(plan)
 
 
-def is_settled(path, plan):
+def is_settled(path: str | Path, plan: Mapping[str, Any]) -> bool:
     """Whether a file is there and was made by this plan."""
     try:
         return digest(storage.read_about(path).get("plan", {})) == digest(plan)
@@ -53,7 +63,7 @@ def is_settled(path, plan):
         return False
 
 
-def check(path, planned):
+def check(path: str | Path, planned: str) -> None:
     """Raise TableError unless a file was made by the plan of this digest."""
     if digest(storage.read_about(path).get("plan", {})) != planned:
         raise TableError(
@@ -61,7 +71,12 @@ def check(path, planned):
         )
 
 
-def check_estimates(files, jobs, planned, pairs):
+def check_estimates(
+    files: Iterable[str | Path],
+    jobs: Sequence[str],
+    planned: Mapping[str, Any],
+    pairs: Iterable[str | Path],
+) -> None:
     """Raise TableError unless files of runs or estimates are those of an explanation's plan.
 
     files: in the order of the jobs; jobs: digests of their plans; planned: the plan of the
@@ -88,7 +103,7 @@ def check_estimates(files, jobs, planned, pairs):
                 )
 
 
-def difference(found, planned):
+def difference(found: Mapping[str, Any], planned: Mapping[str, Any]) -> str:
     """What differs between two plans, in words."""
     keys = [
         key
@@ -112,7 +127,12 @@ class Plans:
     function from the name of a script and the plug-ins that it meets to a digest.
     """
 
-    def __init__(self, config, files, code):
+    def __init__(
+        self,
+        config: Config,
+        files: Mapping[str, tuple[list[Path], Path | None]],
+        code: Callable[..., str],
+    ) -> None:
         self.config = config
         self.files = files
         self.code = code
@@ -127,12 +147,12 @@ class Plans:
         self.batch_of = cache(self._batch_of)
         self.explanation = cache(self._explanation)
 
-    def estimator(self, experiment):
+    def estimator(self, experiment: str) -> Estimator:
         """The estimator of an experiment, with the causes that it names."""
         causes_ = self.config.experiments[experiment].causes
         return self.config.preset(experiment).estimator.of_causes(causes_)
 
-    def variants(self, experiment):
+    def variants(self, experiment: str) -> dict[str, dict[str, Any]]:
         """Options of the causes of an experiment that are a variant, by name of the cause."""
         return causes.variants_of(self.estimator(experiment).causes)
 
@@ -141,7 +161,7 @@ class Plans:
         found = self.variants(experiment)
         return {"variants": found} if found else {}
 
-    def scans_per_file(self, sequence):
+    def scans_per_file(self, sequence: str) -> int:
         """The file of a scan is its index by this; one of an archive has its own, since fetched."""
         return 1 if self.config.data[sequence].kind == "archive" else plan.SCANS_PER_JOB
 
@@ -159,7 +179,7 @@ class Plans:
         needed = {index for pair in pairs for index in pair}
         return [[index for index in batch if index in needed] or batch for batch in everything]
 
-    def scans(self, sequence, batch):
+    def scans(self, sequence: str, batch: int) -> dict[str, Any]:
         """That of a file of scans."""
         known = self.config.data[sequence]
         indices = self.scan_batches(sequence)[batch]
@@ -180,16 +200,16 @@ class Plans:
             return {**stamp(path), **self._read(known, [path])}
         return {**self._simulated(known, "simulate_scans"), "index": index}
 
-    def poses(self, sequence):
+    def poses(self, sequence: str) -> dict[str, Any]:
         """That of all poses; how many scans there are decides none of them."""
         known = self.config.data[sequence]
         if known.kind == "archive":
             return self._archive(known)
         if known.registers:
             return {"sequence": sequence, **self._registered(sequence, range(known.scans - 1))}
-        if known.kind == "folder":
+        if known.folder is not None and (pose_file := self.files[sequence][1]) is not None:
             read = {key: known.folder[key] for key in READ_BY if known.folder.get(key)}
-            return {**stamp(self.files[sequence][1]), **read, "code": self.code("read_poses")}
+            return {**stamp(pose_file), **read, "code": self.code("read_poses")}
         return self._simulated(known, "simulate_poses")
 
     def _registered(self, sequence, between):
@@ -197,23 +217,23 @@ class Plans:
         registrations = [digest(self.registration(sequence, index)) for index in between]
         return {"registrations": registrations, "code": self.code("register_poses")}
 
-    def registration_batches(self, sequence):
+    def registration_batches(self, sequence: str) -> list[Sequence[int]]:
         """The scans of each file of registrations, each with the one that follows it."""
         between = range(self.config.data[sequence].scans - 1)
         return plan.batches(between, plan.REGISTRATIONS_PER_JOB)
 
-    def registrations(self, sequence, batch):
+    def registrations(self, sequence: str, batch: int) -> dict[str, Any]:
         """That of a file of registrations of a scan and the one that follows it."""
         references = self.registration_batches(sequence)[batch]
         return self._registration(sequence, [*references, references[-1] + 1])
 
-    def registration(self, sequence, index):
+    def registration(self, sequence: str, index: int) -> dict[str, Any]:
         """What decides the registration of a scan and the one that follows it."""
         return self._registration(sequence, [index, index + 1])
 
     def _registration(self, sequence, scans):
-        guess = self.config.data[sequence].folder.get("guess")
-        guess = stamp(self.guess(sequence)) if self.guess(sequence) else guess
+        guess = (self.config.data[sequence].folder or {}).get("guess")
+        guess = stamp(path) if (path := self.guess(sequence)) else guess
         return {
             "sequence": sequence,
             "pairs": [[index, index + 1] for index in scans[:-1]],
@@ -223,9 +243,9 @@ class Plans:
             "versions": versions(),
         }
 
-    def guess(self, sequence):
+    def guess(self, sequence: str) -> str | None:
         """Path of the file that says where the registration of scans starts, or None."""
-        folder = self.config.data[sequence].folder
+        folder = self.config.data[sequence].folder or {}
         guess = folder.get("guess")
         return os.path.join(folder["path"], guess) if isinstance(guess, str) else None
 
@@ -310,7 +330,7 @@ class Plans:
             "versions": versions(),
         }
 
-    def diagnosis(self, experiment, sequence):
+    def diagnosis(self, experiment: str, sequence: str) -> dict[str, Any]:
         """That of what is wrong with the pairs of a sequence, which no level decides."""
         pairs = self.config.experiments[experiment].pairs[sequence]
         plugins = {"causes": causes.shown()}
@@ -325,7 +345,7 @@ class Plans:
             "versions": versions(),
         }
 
-    def instances(self, experiment, sequence):
+    def instances(self, experiment: str, sequence: str) -> dict[str, Any]:
         """That of what is played of each pair, where instances are diagnosed."""
         found = self.config.experiments[experiment]
         estimator = self.estimator(experiment)
@@ -391,27 +411,27 @@ class Plans:
 
     def _training(self, experiment, sequence):
         """What a sequence's estimator learned from, as part of a plan; nothing if it did not."""
-        if self.training(experiment) is None:
+        if (training := self.training(experiment)) is None:
             return {}
         # A list: the order of the examples decides between those that are alike.
         return {
             "training": [
-                [other, digest(self.descriptors(self.training(experiment), other))]
+                [other, digest(self.descriptors(training, other))]
                 for other in self.training_sequences(experiment, sequence)
             ]
         }
 
-    def training(self, experiment):
+    def training(self, experiment: str) -> str | None:
         """Name of the experiment that the estimator of another one learns from, or None."""
         return self.estimator(experiment).kind.training
 
-    def training_sequences(self, experiment, sequence):
+    def training_sequences(self, experiment: str, sequence: str) -> list[str]:
         """Those that an experiment's estimator learns from where it is to estimate a sequence."""
         training = self.training(experiment)
         known = self.config.experiments[training].pairs if training else ()
         return [other for other in known if other != sequence]
 
-    def descriptors(self, experiment, sequence):
+    def descriptors(self, experiment: str, sequence: str) -> dict[str, Any]:
         """That of what is learned from a sequence of an experiment."""
         estimator = self.estimator(experiment)
         explanation = self.explanation(experiment, sequence)
@@ -425,12 +445,12 @@ class Plans:
             "code": self.code("train_estimator", *estimator.plugins),
         }
 
-    def job_digests(self, experiment, sequence):
+    def job_digests(self, experiment: str, sequence: str) -> list[str]:
         """Digest of the plan of each job; how they are cut is no part of an explanation."""
         jobs = range(len(self.jobs(experiment, sequence)))
         return [digest(self.job(experiment, sequence, job)) for job in jobs]
 
-    def check_digests(self, experiment, sequence):
+    def check_digests(self, experiment: str, sequence: str) -> list[str]:
         """Digest of the plan of each job that checks pairs."""
         batches = range(len(self.batches(experiment, sequence)))
         return [digest(self.checks(experiment, sequence, batch)) for batch in batches]
@@ -454,7 +474,7 @@ class Plans:
             "versions": versions(),
         }
 
-    def joined(self, experiment):
+    def joined(self, experiment: str) -> dict[str, Any]:
         found = self.config.experiments[experiment]
         return {
             "experiment": experiment,

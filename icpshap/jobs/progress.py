@@ -1,9 +1,16 @@
 """What a person sees while the workflow runs: a line per finished job, and the time left."""
 
+from __future__ import annotations
+
 import logging
 import time
+from collections.abc import Callable, Collection, Iterator, Sequence
+from typing import Any, TextIO, TypeVar
 
 from icpshap.errors import UserError
+
+Item = TypeVar("Item")
+Done = TypeVar("Done")
 
 # What these events of snakemake say, the lines of this module say shorter; its log file keeps them.
 REPLACED = {
@@ -18,7 +25,12 @@ SECONDS = 10  # between two lines of a job's log that say how far it is
 CHATTER = ("Select jobs to execute", "Execute ")
 
 
-def replace_job_lines(logger, progress, is_dry_run, is_stopped):
+def replace_job_lines(
+    logger: logging.Logger,
+    progress: Progress,
+    is_dry_run: Callable[[], bool],
+    is_stopped: Callable[[], bool],
+) -> None:
     """Let `progress` say on the terminal what `logger`'s own handler would say of jobs.
 
     A dry run (known only once the workflow is set up) keeps snakemake's lines, which give reasons.
@@ -37,7 +49,7 @@ def replace_job_lines(logger, progress, is_dry_run, is_stopped):
     logger.addHandler(progress)
 
 
-def is_replaced(record):
+def is_replaced(record: logging.LogRecord) -> bool:
     """Whether a record only says that a job starts or ends; plans and errors do not."""
     if record.levelno > logging.INFO:
         return False
@@ -53,19 +65,26 @@ class Progress(logging.Handler):
     some have none in the sense of ICP: runs only tell how much is left.
     """
 
-    def __init__(self, terminal, planned, settings_and_runs, estimating, clock=time.monotonic):
+    def __init__(
+        self,
+        terminal: TextIO,
+        planned: Callable[[], tuple[int, int]],
+        settings_and_runs: Callable[[Any], tuple[int, int]],
+        estimating: Collection[str],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         super().__init__()
         self.terminal = terminal
         self.planned = planned
         self.settings_and_runs = settings_and_runs
         self.estimating = estimating
         self.clock = clock
-        self.jobs = {}
-        self.failed = []
+        self.jobs: dict[int, tuple[str, Any]] = {}
+        self.failed: list[str] = []
         self.finished = self.total = self.settings = self.runs = 0
-        self.started = None
+        self.started: float | None = None  # once the first of them runs
 
-    def emit(self, record):
+    def emit(self, record: Any) -> None:  # with what snakemake adds to a record
         event = getattr(record, "event", None)
         if event == "run_info":
             self.total = record.stats["total"]
@@ -82,7 +101,7 @@ class Progress(logging.Handler):
             if rule != "all":
                 print(self.line(rule, wildcards), file=self.terminal, flush=True)
 
-    def line(self, rule, wildcards):
+    def line(self, rule: str, wildcards: Any) -> str:
         """What is said of a job that has just finished."""
         count = f"[{self.finished:>{len(str(self.total))}}/{self.total}]"
         text = f"{count} {rule} {' '.join(map(str, wildcards.values()))}"
@@ -91,12 +110,18 @@ class Progress(logging.Handler):
         settings, runs = self.settings_and_runs(wildcards)
         self.settings += settings
         self.runs += runs
-        rate = self.runs / max(self.clock() - self.started, 1e-9)
+        now = self.clock()
+        rate = self.runs / max(now - (now if self.started is None else self.started), 1e-9)
         left = duration((self.planned_runs - self.runs) / rate)
         return f"{text}: {self.settings} of {self.planned_settings} settings, {left} left"
 
 
-def in_turn(items, do, words, clock=time.monotonic):
+def in_turn(
+    items: Sequence[Item],
+    do: Callable[[Item], Done],
+    words: str,
+    clock: Callable[[], float] = time.monotonic,
+) -> Iterator[Done]:
     """do(item) of each item of a job; its log says how far it is, and how long the others take.
 
     words: what the items are. An item whose UserError stops the job does not hide those of others,
@@ -122,7 +147,7 @@ def in_turn(items, do, words, clock=time.monotonic):
 STOPPED = "Stopped. The same command goes on where this run was; finished jobs are kept."
 
 
-def failure(logs):
+def failure(logs: Sequence[str]) -> str:
     """What a run that failed ends with; logs: those of the jobs that failed."""
     where = "".join(f"\n  {log}{_killed(log)}" for log in logs)
     return (
@@ -149,8 +174,12 @@ def _killed(log):
     )
 
 
-def duration(seconds):
-    """Seconds as in '1:02:03' or '2:03'."""
+def duration(seconds: float) -> str:
+    """Seconds as in '1:02:03' or '2:03'.
+
+    >>> duration(3723)
+    '1:02:03'
+    """
     minutes, seconds = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"

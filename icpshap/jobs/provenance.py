@@ -6,10 +6,12 @@ It goes beside the results, never into them: the same inputs give the same resul
 import os
 import platform
 import subprocess
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from importlib import metadata
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -34,7 +36,9 @@ LICENCES = {
 }
 
 
-def provenance(config, sequences, root, logs):
+def provenance(
+    config: Mapping[str, Any], sequences: Mapping[str, str], root: str | Path, logs: str | Path
+) -> dict[str, Any]:
     """A mapping that YAML can hold.
 
     config: the effective configuration; sequences: key to kind (archive, folder or simulated) of
@@ -52,12 +56,12 @@ def provenance(config, sequences, root, logs):
     }
 
 
-def packages():
+def packages() -> dict[str, str]:
     """Versions by name of the packages that decide numbers or pictures."""
     return {name: _version(name) for name in PACKAGES}
 
 
-def commit(root):
+def commit(root: str | Path) -> str:
     """The commit that is checked out, '-dirty' after it if files differ; '' outside git."""
     described = subprocess.run(
         ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
@@ -67,7 +71,7 @@ def commit(root):
     return described.stdout.strip()
 
 
-def host():
+def host() -> dict[str, Any]:
     """Processor, cores, memory [GB] and operating system."""
     processor = platform.processor() or platform.machine()
     for line in _lines("/proc/cpuinfo"):
@@ -83,7 +87,7 @@ def host():
     }
 
 
-def job_times(logs, names):
+def job_times(logs: str | Path, names: Iterable[str]) -> pd.DataFrame:
     """A row per rule: jobs, and seconds in all and of the longest, of the last run of each job.
 
     names: experiments and sequences whose jobs count; jobs of neither are left out.

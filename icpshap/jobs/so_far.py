@@ -4,8 +4,10 @@ It reads the files of finished jobs and writes into a folder of its own, so that
 run makes is overwritten, or taken for whole before it is.
 """
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import matplotlib.pyplot as plt
 
@@ -13,7 +15,7 @@ from icpshap import selection, tables
 from icpshap.jobs import paths
 from icpshap.jobs.explained import explained
 from icpshap.jobs.paths import at
-from icpshap.jobs.plans import digest, is_settled
+from icpshap.jobs.plans import Plans, digest, is_settled
 from icpshap.report import figures, in_doubt, page
 from icpshap.report.figures.style import save, styled
 from icpshap.report.study import Study
@@ -21,7 +23,7 @@ from icpshap.report.study import Study
 OF_PAGE = ("shap", "directions", "pairs", "fit")
 
 
-def finished(planner, experiment, sequence):
+def finished(planner: Plans, experiment: str, sequence: str) -> dict[str, Any]:
     """What is finished of a sequence: files of jobs and digests of their plans, and pairs.
 
     A mapping that JSON can hold. planner: a plans.Plans. A file counts if it was made by its plan,
@@ -68,13 +70,15 @@ def finished(planner, experiment, sequence):
     }
 
 
-def words(found):
+def words(found: Mapping[str, Any]) -> str:
     """How much of a sequence is finished."""
     finished_, scope = len(found["pairs"]), f"{found['experiment']}/{found['sequence']}"
     return f"{scope}: {finished_} of {found['of']} pairs"
 
 
-def section(found, study, figure_names, folder):
+def section(
+    found: Mapping[str, Any], study: Study, figure_names: Sequence[str], folder: str | Path
+) -> page.Section:
     """Tables and figures of the finished pairs, written into a folder: a `page.Section`.
 
     found: what `finished` returned, with some pairs; study: a `Study`; figure_names: those of the
@@ -130,7 +134,13 @@ def _picture(name, read, study, folder, title):
     return svg
 
 
-def report(found, studies, figure_names, run, folder):
+def report(
+    found: Sequence[Mapping[str, Any]],
+    studies: Mapping[str, Mapping[str, Any]],
+    figure_names: Mapping[str, Sequence[str]],
+    run: Mapping[str, Any],
+    folder: str | Path,
+) -> list[str]:
     """Make the page of all that is finished in a new folder; returns how much that is, in lines.
 
     found: of each sequence what `finished` returned; studies, figure_names: by experiment, mappings

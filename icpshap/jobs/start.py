@@ -5,15 +5,23 @@ the files: one that another plan made is put aside, so that it is made again; on
 makes is named.
 """
 
+from __future__ import annotations
+
 import os
 import re
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from icpshap import storage, tables
 from icpshap.errors import UserError
 from icpshap.jobs import paths, plans
 from icpshap.jobs.paths import at
+
+if TYPE_CHECKING:
+    from icpshap.jobs.plans import Plans
+
 
 FOLDERS = ("logs", "resources", "results")
 STALE = ".stale"
@@ -36,12 +44,12 @@ NO_RUN = re.compile(
 )
 
 
-def is_run(arguments):
+def is_run(arguments: Iterable[str]) -> bool:
     """Whether a command line of snakemake makes files, and does not only look at them."""
     return not any(NO_RUN.match(word) for word in arguments)
 
 
-def check_folders():
+def check_folders() -> None:
     """Raise UserError if a folder of the workflow cannot be written to, before a job fails of it.
 
     A folder that is missing is made; the working directory can be written to, or Snakemake itself
@@ -60,13 +68,15 @@ def check_folders():
             )
 
 
-def look(planner, experiments, sequences, puts_aside=True):
+def look(
+    planner: Plans, experiments: Sequence[str], sequences: Sequence[str], puts_aside: bool = True
+) -> list[str]:
     """Put aside what another plan made, as <name>.stale, and say so: lines of text.
 
     planner: a plans.Plans; experiments, sequences: names of what is selected; puts_aside: False
     where this is only looked at.
     """
-    stale = []
+    stale: list[tuple[Path, str]] = []
     for path, table, plan in planned_files(planner, experiments, sequences):
         about = _about(path)
         if difference := _difference(about, table, plan, in_words=not stale):
@@ -112,14 +122,18 @@ def _put_aside_what_follows(planner, experiments, stale):
                     os.replace(path, f"{path}{STALE}")
 
 
-def planned_files(planner, experiments, sequences):
+def planned_files(
+    planner: Plans, experiments: Sequence[str], sequences: Sequence[str]
+) -> Iterator[tuple[Path, str, dict[str, Any]]]:
     """(path, name of the table, plan) of every file that is there and has a plan."""
     for path, table, plan in _plans(planner, experiments, sequences):
         if os.path.exists(path):
             yield path, table, plan()
 
 
-def unplanned_files(planner, experiments, sequences):
+def unplanned_files(
+    planner: Plans, experiments: Sequence[str], sequences: Sequence[str]
+) -> Iterator[Path]:
     """Files of runs, estimates and pairs that are there, of jobs that are not planned."""
     planned = {Path(path) for path, *_ in _plans(planner, experiments, sequences)}
     for experiment, sequence in _selected(planner, experiments, sequences):
@@ -152,7 +166,9 @@ def _difference(about, table, plan, in_words):
     return plans.difference(found, plan) if in_words else "another plan"
 
 
-def newly_registered(planner, experiments, sequences, stale):
+def newly_registered(
+    planner: Plans, experiments: Sequence[str], sequences: Sequence[str], stale: Collection[Path]
+) -> Iterator[tuple[Path, str]]:
     """(path, words) of files of runs or estimates without a pair that is registered by now.
 
     Checks of pairs are no reason to register again, so that the workflow would not see it. What is
@@ -164,12 +180,12 @@ def newly_registered(planner, experiments, sequences, stale):
         if planner.config.experiments[name].measured:
             continue
         names = {"experiment": name, "sequence": sequence}
-        batches = range(len(planner.batches(name, sequence)))
-        files = (at(paths.OVERLAPS, **names, batch=batch) for batch in batches)
-        measured = storage.parts_of(path for path in files if _about(path) and path not in stale)
-        above = {
-            pair for pair, (_, told) in measured.items() if told.get("overlap", 0.0) > smallest
-        }
+        above: set[str] = set()
+        for batch in range(len(planner.batches(name, sequence))):
+            path = at(paths.OVERLAPS, **names, batch=batch)
+            measured = (_about(path) if path not in stale else None) or {}
+            parts = measured.get("parts", {}).items()
+            above |= {pair for pair, told in parts if told.get("overlap", 0.0) > smallest}
         for path, table, plan in _estimates(planner, name, sequence):
             about = None if path in stale else _about(path)
             if not about or about.get("table") != table:

@@ -35,7 +35,7 @@ class PoseCovariance:
     frame: str = SOURCE_FRAME
     scaled: bool = False
 
-    def __array__(self, dtype=None, copy=None) -> np.ndarray:
+    def __array__(self, dtype: np.dtype | None = None, copy: bool | None = None) -> np.ndarray:
         return np.array(self.matrix, dtype=dtype)
 
     @property
@@ -55,6 +55,11 @@ class PoseCovariance:
         gtsam: rotation first, in the source's frame: the tangent vector of gtsam.Pose3, as here.
         ros: translation first, along and about the fixed axes of the reference:
         geometry_msgs/PoseWithCovariance of the source's pose in the reference. Raises UserError.
+
+        >>> turned = np.array([[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+        >>> found = PoseCovariance(np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), 0.5, 0.0, turned)
+        >>> found.to("ros").standard_deviations.round(2).tolist()
+        [2.24, 2.0, 2.45, 1.41, 1.0, 1.73]
         """
         if convention not in CONVENTIONS:
             raise UserError(
@@ -79,6 +84,10 @@ class PoseCovariance:
         """It times the share of the points that a run used: a scaling, no measurement.
 
         What no point takes away does not fall so; see `Explanation.covariance_all_points`.
+
+        >>> found = PoseCovariance(np.eye(6), 0.25, 0.0, T_reference_source=np.eye(4))
+        >>> found.of_all_points().standard_deviations.tolist()
+        [0.5, 0.5, 0.5, 0.5, 0.5, 0.5]
         """
         return replace(self, matrix=self.matrix * self.share_of_points, scaled=True)
 

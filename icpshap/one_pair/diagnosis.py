@@ -46,7 +46,7 @@ class CleanRuns(NamedTuple):
     high: float
 
     @property
-    def sentence(self):
+    def sentence(self) -> str:
         if np.isnan(self.wrong_basin_share):
             return f"Fewer than half of {self.number} clean runs lie together."
         return (
@@ -153,6 +153,17 @@ def diagnose(
 
     Raises:
         UserError: an argument cannot be used, or says what is wrong with the scans.
+
+    >>> import numpy as np
+    >>> import icpshap
+    >>> random = np.random.default_rng(0)
+    >>> reference, source = random.uniform(-2, 4, (2, 3000, 3))  # of three walls that meet
+    >>> for points in (reference, source):
+    ...     points[range(3000), random.integers(3, size=3000)] = -2
+    ...     points += random.normal(scale=0.2, size=(3000, 3))
+    >>> found = icpshap.diagnose(reference, source, np.eye(4), sensor="hokuyo_utm_30lx")
+    >>> round(found.levels["sensor_noise"], 1)  # [m]
+    0.2
     """
     if sensor is not None and sensor not in SENSORS:
         raise UserError(
@@ -170,11 +181,11 @@ def diagnose(
             f"clean_runs: the kind {asked.preset.estimator.kind.name} returns no pose samples, and "
             "so nothing that ends anywhere.\nHint: estimator: lidar, or no clean_runs."
         )
-    key, *scans = named_pair(name, indices)
+    key, own_reference, own_source = named_pair(name, indices)
     # Only the pair that is diagnosed may start elsewhere than the identity.
     named = [("", (reference, source, T), T_initial)]
     named += [(f"healthy {place}: ", _three(of, place), None) for place, of in enumerate(healthy)]
-    streams = [Streams(asked.seed, key, *scans)]
+    streams = [Streams(asked.seed, key, own_reference, own_source)]
     streams += [
         Streams(asked.seed, f"{key} healthy", place, place + 1) for place in range(len(healthy))
     ]
@@ -202,7 +213,9 @@ def diagnose(
         (one, truth), *others = known
         if others:
             found = diagnose_against(one, [other for other, _ in others])
-            of_row = row(found, streams[0], streams[1 + found.healthiest])
+            healthiest = found.healthiest
+            beside = None if healthiest is None else streams[1 + healthiest]
+            of_row = row(found, streams[0], beside)
         else:
             of_row = row(diagnose_alone(one, sensor), streams[0], None)
         ends = None

@@ -1,12 +1,15 @@
 """What `explain` returns: the tables of one pair, and what a person or a program asks of them."""
 
+from __future__ import annotations
+
 import json
 import zipfile
 import zlib
 from dataclasses import asdict, dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
@@ -23,6 +26,11 @@ from icpshap.one_pair.covariance import PoseCovariance
 from icpshap.report import advice, captions, doubts
 from icpshap.report.study import Study
 from icpshap.tables import TRANSFORM, covariances
+
+if TYPE_CHECKING:
+    import shap
+    from matplotlib.figure import Figure
+
 
 ABOUT = "about.json"
 # Tables without which it says nothing.
@@ -309,11 +317,11 @@ class Explanation:
         """`to_dict` as JSON; what is not a number is null."""
         return json.dumps(self.to_dict(), indent=2, ensure_ascii=False) + "\n"
 
-    def to_shap(self):
+    def to_shap(self) -> shap.Explanation:
         """A shap.Explanation of one instance, for the plots of shap. Needs the extra `plots`."""
         return games.shap_explanation(self._shap)
 
-    def plot(self, figure: str = "waterfall"):
+    def plot(self, figure: str = "waterfall") -> Figure:
         """A figure of matplotlib: waterfall, interactions, directions or scene.
 
         Needs the extra `plots`. Raises UserError for another name.
@@ -361,7 +369,7 @@ class Explanation:
                 file.writestr(zipfile.ZipInfo(name, EPOCH), content)
 
     @classmethod
-    def load(cls, path: str | Path) -> "Explanation":
+    def load(cls, path: str | Path) -> Explanation:
         """What `save` wrote; without the scans, so that there is no scene.
 
         Raises UserError if the file is none, damaged, or of another version that had other parts.
@@ -394,13 +402,18 @@ class Explanation:
 class writable:
     """A place to write to: OSErrors in it are UserErrors that name the path."""
 
-    def __init__(self, path):
+    def __init__(self, path: str | Path) -> None:
         self.path = path
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind, error, traceback):
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
         if isinstance(error, OSError):
             raise UserError(
                 f"{self.path}: cannot be written: {error.strerror or error}.\n"
@@ -408,7 +421,7 @@ class writable:
             ) from None
 
 
-def plain(value):
+def plain(value: object) -> Any:
     """Mappings, lists, texts, truth values and finite numbers; None for NaN and infinity."""
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}

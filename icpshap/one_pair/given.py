@@ -4,8 +4,10 @@ Options and levels go through the configuration's own checks, so that function, 
 take the same and say the same.
 """
 
+from __future__ import annotations
+
 import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -55,7 +57,14 @@ class Given:
     seed: int
 
 
-def given(causes, estimator, register, what_if, perturbation, seed=SEED):
+def given(
+    causes: Mapping[str, float] | None,
+    estimator: Any,
+    register: Callable | str | None,
+    what_if: Mapping | bool | None,
+    perturbation: Mapping[str, float] | None,
+    seed: int = SEED,
+) -> Given:
     """The `Given` of the arguments of `explain`. Raises UserError that lists all that is wrong."""
     if what_if is True:
         as_it_is = given(causes, estimator, register, None, perturbation, seed)
@@ -100,7 +109,7 @@ def given(causes, estimator, register, what_if, perturbation, seed=SEED):
     return Given(name, preset, levels, checked.perturbation, what_if, checked.seed)
 
 
-def trials(preset, causes):
+def trials(preset: Preset, causes: Mapping[str, float]) -> dict[str, dict[str, Any]]:
     """The changes that are tried where none are named, as far as they change anything.
 
     More neighbours of a normal, a tighter stop, twice the points, a closer start: half as wide, or
@@ -130,7 +139,7 @@ def trials(preset, causes):
     return found
 
 
-def mapping(values, what, example):
+def mapping(values: object, what: str, example: object) -> dict[str, Any]:
     """A mapping as a dict, numpy's scalars in it as Python's. Raises UserError for anything else.
 
     what: the argument's name; example: what it looks like.
@@ -277,10 +286,10 @@ def _spoken(line, changes):
 # --- numbers --------------------------------------------------------------------------------------
 
 
-def whole(value, what, least):
+def whole(value: object, what: str, least: int) -> int:
     """An integer. Raises UserError for what is none, or less than `least`."""
     try:
-        number = operator.index(value)
+        number: int | None = operator.index(value)  # type: ignore[arg-type]  # may be anything
     except TypeError:
         number = None
     if number is None or isinstance(value, bool | np.bool_) or number < least:
@@ -291,7 +300,7 @@ def whole(value, what, least):
     return number
 
 
-def named_pair(name, indices):
+def named_pair(name: str, indices: tuple[int, int]) -> tuple[str, int, int]:
     """Sequence, reference and source that random numbers are drawn for. Raises UserError."""
     if not isinstance(name, str):
         raise UserError(f"name: {name!r}, expected a text.\nHint: such as 'apartment'.")
@@ -300,7 +309,8 @@ def named_pair(name, indices):
             f"indices: {indices!r}, expected two whole numbers, of reference and source.\n"
             "Hint: such as (0, 1)."
         )
-    return (name, *(whole(index, "indices", 0) for index in indices))
+    reference, source = (whole(index, "indices", 0) for index in indices)
+    return name, reference, source
 
 
 # --- scans and poses ------------------------------------------------------------------------------
@@ -310,6 +320,14 @@ def read_scan(path: str | Path, columns: list[str] | None = None) -> np.ndarray:
     """Points (n, 3) [m] of a scan file, in its scanner's frame; its suffix says the format.
 
     columns: names of all columns of a file that does not name them. Raises DataError.
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "scan.xyz"
+    ...     _ = path.write_text("1 2 3\\n4 5 6\\n")
+    ...     read_scan(path)
+    array([[1., 2., 3.],
+           [4., 5., 6.]])
     """
     return scans.read_scan(path, columns=columns)[0]
 

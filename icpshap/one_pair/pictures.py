@@ -1,19 +1,30 @@
 """Figures and the report page of one pair; needs the extra `plots`."""
 
+from __future__ import annotations
+
 import platform
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 from icpshap import options
 from icpshap.errors import UserError, extra
 from icpshap.explanation.method import Method
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from icpshap.one_pair.explanation import Explanation
+
+
 SCENE = "scene"
 FIGURES = ("waterfall", "interactions", "directions", SCENE)
 
 
-def draw(explanation, name):
+def draw(explanation: Explanation, name: str) -> tuple[Figure, str]:
     """A figure of matplotlib by its name, and its caption.
 
     Raises UserError for another name, and for the scene of an explanation without scans.
@@ -47,8 +58,11 @@ def _scene(explanation):
     row = next(explanation.tables["pairs"].itertuples())
     known = explanation.options
     method = Method(**{name: known[name] for name in options.names(Method)})
+    pair, kept_reference, kept_source = explanation.scans
     shown = scene.make_scene(
-        *explanation.scans,
+        pair,
+        kept_reference,
+        kept_source,
         explanation.tables.get("runs"),
         explanation.levels,
         method,
@@ -57,7 +71,7 @@ def _scene(explanation):
     return scene.picture(shown), scene.caption(shown, explanation.study, row)
 
 
-def modules_of_the_page():
+def modules_of_the_page() -> tuple[ModuleType, Callable]:
     """report.page and style.save. Raises UserError without the extra."""
     with extra("plots", "matplotlib", "shap", "jinja2", "markupsafe"):
         from icpshap.report import page
@@ -65,7 +79,7 @@ def modules_of_the_page():
     return page, save
 
 
-def page(explanation):
+def page(explanation: Explanation) -> str:
     """The report of one pair as HTML, with its pictures inside."""
     report, save = modules_of_the_page()
     names = [name for name in FIGURES if name != SCENE or explanation.scans is not None]

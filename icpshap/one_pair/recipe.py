@@ -1,9 +1,11 @@
 """Explain one pair: measure, check, perturb, register, share out; the workflow's steps in a row."""
 
+from __future__ import annotations
+
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 import pandas as pd
@@ -26,6 +28,10 @@ from icpshap.one_pair.given import SEED, given, named_pair, scan, times, transfo
 from icpshap.one_pair.threads import cores, in_threads, one_by_one
 from icpshap.report import what_if as what_if_tables
 from icpshap.report.study import Study
+
+if TYPE_CHECKING:
+    from icpshap.one_pair.given import Given
+
 
 PROBES = 3  # calls of a function, all of which must fail before it is refused
 OWN_TRUTH = (
@@ -88,6 +94,21 @@ def explain(
 
     Raises:
         UserError: an argument cannot be used, or says what is wrong with the scans.
+
+    >>> import numpy as np
+    >>> import icpshap
+    >>> random = np.random.default_rng(0)
+    >>> reference, source = random.uniform(-2, 4, (2, 3000, 3))  # of three walls that meet
+    >>> for points in (reference, source):
+    ...     points[range(3000), random.integers(3, size=3000)] = -2
+    >>> few = {"based_on": "paper", "runs": 50, "subsampling_probability": 0.5}
+    >>> explanation = icpshap.explain(
+    ...     reference, source, np.eye(4), causes={"sensor_noise": 0.05}, estimator=few
+    ... )
+    >>> bool(explanation.shapley.value["sensor_noise"] > 1)  # [nats]
+    True
+    >>> explanation.covariance.order
+    'rotation first'
     """
     reference, source = scan(reference, "reference"), scan(source, "source")
     source_times = times(source_times, len(source))
@@ -160,6 +181,16 @@ def fit_table(
     Arguments and errors as of `explain`; `register` is called once, on the scans as they are. A row
     a check: check, value, unit, expected, grade (red, remark, fits), sentence, remedy; the gravest
     first.
+
+    >>> import numpy as np
+    >>> import icpshap
+    >>> random = np.random.default_rng(0)
+    >>> reference, source = random.uniform(-2, 4, (2, 3000, 3))  # of three walls that meet
+    >>> for points in (reference, source):
+    ...     points[range(3000), random.integers(3, size=3000)] = -2
+    >>> found = icpshap.fit_table(reference, source, np.eye(4))
+    >>> found.grade[found.check == "overlap"].item()
+    'fits'
     """
     reference, source = scan(reference, "reference"), scan(source, "source")
     asked = given(causes, estimator, register, None, perturbation, seed)
@@ -170,8 +201,15 @@ def fit_table(
         return checks.graver_first(checks.table(run.fit_numbers())).reset_index(drop=True)
 
 
-def pair_of(reference, source, T, T_initial, asked, source_times=None):
-    """The measured pair, and what is to be said of how its true pose was found."""
+def pair_of(
+    reference: np.ndarray,
+    source: np.ndarray,
+    T: np.ndarray | None,
+    T_initial: np.ndarray | None,
+    asked: Given,
+    source_times: np.ndarray | None = None,
+) -> tuple[Pair, str]:
+    """The measured pair of scans (n, 3), (m, 3) [m], and what is to be said of its true pose."""
     minimum_range = asked.preset.estimator.perturbing.minimum_range
     for points, what in ((reference, "reference"), (source, "source")):
         check_scan(points, minimum_range, what)

@@ -1,11 +1,18 @@
 """An explanation as a screen of text: what a person reads first, in at most 40 lines."""
 
+from __future__ import annotations
+
 import textwrap
 from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from icpshap.report import captions, directions, effects, words
+
+if TYPE_CHECKING:
+    from icpshap.one_pair.explanation import Explanation
+
 
 MOST_LINES = 40
 NARROWEST = 72  # characters, of the six columns of the covariance
@@ -15,7 +22,7 @@ BOLD, RESET = "\033[1m", "\033[0m"
 WARNING = "\033[33m"
 
 
-def text(explanation, width=100, colours=False):
+def text(explanation: Explanation, width: int = 100, colours: bool = False) -> str:
     """The screen; width: of a line, in characters; colours: whether a terminal shows them.
 
     A width below NARROWEST is taken as that: the covariance has no shorter lines.
@@ -38,7 +45,7 @@ def text(explanation, width=100, colours=False):
     return "\n".join(lines)
 
 
-def html(explanation):
+def html(explanation: Explanation) -> str:
     """A short form for notebooks."""
     tables, study = explanation.tables, explanation.study
     causes = effects.table_of_causes(tables["shap"], study)
@@ -129,14 +136,14 @@ def _listed(title, texts, width, paint, colour):
 
 def _fitting(blocks, room):
     """Lines of titled blocks that fit into so many; what does not is counted."""
-    lines = []
+    lines: list[str] = []
     for number, (title, texts) in enumerate(blocks):
         if not texts:
             continue
         # Of each block that follows a title and a line are kept free.
         kept = 3 * sum(bool(others) for _, others in blocks[number + 1 :])
         free = room - len(lines) - kept - 3
-        shown = []
+        shown: list[str] = []
         for of_text in texts:
             if shown and len(shown) + len(of_text) > free:
                 break

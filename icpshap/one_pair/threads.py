@@ -17,7 +17,7 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def in_threads(threads: int, done: Callable[[], None]):
+def in_threads(threads: int, done: Callable[[], None]) -> Callable[..., Iterator]:
     """A function like `map` whose calls run in that many threads; results come in order.
 
     done: called as each result is taken. Arguments are made as they are needed, so that few of
@@ -43,7 +43,7 @@ def in_threads(threads: int, done: Callable[[], None]):
     return mapped
 
 
-def one_by_one(done: Callable[[], None]):
+def one_by_one(done: Callable[[], None]) -> Callable[..., Iterator]:
     """The same in the caller's own thread: of functions that may hold what threads must not share.
 
     Ctrl-C ends such a function where it is.

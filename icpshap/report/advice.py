@@ -3,14 +3,26 @@
 Tables are shap, fit and what_if tables, and studies `study.Study`.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from icpshap.fit import checks
 from icpshap.report import effects, here, what_if
 from icpshap.report.study import contains_zero
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from icpshap.report.study import Study
+
+
 FIRST = 2  # remedies of the fit table that are told
 
 
-def sentences(shap, fit, tried, study):
+def sentences(
+    shap: pd.DataFrame, fit: pd.DataFrame, tried: pd.DataFrame | None, study: Study
+) -> list[str]:
     """What to do, sentences; tried: the what_if table, or None."""
     found = [what_if.advice(tried, study)] if tried is not None else []
     removed = here.advice(shap, study) if study.here else _removal(shap, study)
@@ -39,5 +51,5 @@ def _removal(shap, study):
             found[cause] = part[name].median()
     if not found:
         return []
-    cause = max(found, key=found.get)
+    cause = max(found, key=found.__getitem__)
     return [f"Not tried, since f falls most without {cause.title}: {cause.mitigation}."]

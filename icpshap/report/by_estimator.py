@@ -3,7 +3,11 @@
 A table is what `joined` made, a study the `study.Study` of the experiments that it is made of.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -12,6 +16,10 @@ from tabulate import tabulate
 from icpshap.report import captions, words
 from icpshap.report.study import PAIR, Study, contains_zero
 from icpshap.report.tables import UNSURE, escaped
+
+if TYPE_CHECKING:
+    from icpshap.estimators.kind import Returns
+
 
 BLIND = 0.01  # |f|, below which an estimator sees next to nothing of a perturbation
 TEXTS = ("made_of", "told", "interval_over", "no_interval", "misfit", "warning", "reason")
@@ -27,7 +35,7 @@ class Part(NamedTuple):
     uncertainty: pd.DataFrame
 
 
-def joined(parts):
+def joined(parts: Iterable[Part]) -> pd.DataFrame:
     """A row for each estimator and instance, in the order of the `Part`s."""
     return pd.concat([_rows(part) for part in parts], ignore_index=True)
 
@@ -57,7 +65,7 @@ def _rows(part):
     return pd.concat([pd.DataFrame(about, index=rows.index), rows], axis=1)
 
 
-def told(options, returns):
+def told(options: Mapping[str, Any], returns: Returns) -> str:
     """The noise of the sensor that an estimator is told; "" if none.
 
     options: of its kind; returns: kind.Returns.
@@ -75,14 +83,14 @@ def told(options, returns):
     return said.get(options.get("noise", options.get("sensor_noise_by")), sigma)
 
 
-def read(path):
+def read(path: str | Path) -> pd.DataFrame:
     """The table from the file that `DataFrame.to_csv` wrote."""
     kinds = dict.fromkeys(TEXTS, str)
     table = pd.read_csv(path, dtype=kinds, keep_default_na=False, na_values=[""])
     return table.fillna(dict.fromkeys(TEXTS, ""))
 
 
-def estimators(table):
+def estimators(table: pd.DataFrame) -> list[str]:
     """Names of the estimators, in their order."""
     return list(table.estimator.unique())
 
@@ -90,17 +98,17 @@ def estimators(table):
 # --- the table ------------------------------------------------------------------------------------
 
 
-def markdown(table, study):
+def markdown(table: pd.DataFrame, study: Study) -> str:
     """The table with its note as Markdown."""
     return f"{_layout(table, study, 'pipe')}\n\n{note(table, study)}\n"
 
 
-def html(table, study):
+def html(table: pd.DataFrame, study: Study) -> str:
     """The table as HTML."""
     return _layout(table, study, "html")
 
 
-def latex(table, study):
+def latex(table: pd.DataFrame, study: Study) -> str:
     """The table as a tabular environment, with its note as a comment."""
     text = _layout(table, study, "latex_raw")
     for letter, command in LATEX.items():
@@ -108,7 +116,7 @@ def latex(table, study):
     return f"% {note(table, study)}\n{text}\n"
 
 
-def note(table, study):
+def note(table: pd.DataFrame, study: Study) -> str:
     """What the table shows."""
     sentences = [
         f"f = {captions.reading(study)}, and how it is shared out, {_where(table, study)}.",
@@ -175,7 +183,7 @@ def _where(table, study):
 # --- words ----------------------------------------------------------------------------------------
 
 
-def caption(table, study):
+def caption(table: pd.DataFrame, study: Study) -> str:
     """The caption of the figure, as one paragraph."""
     sentences = [
         f"Shapley values of the causes and f, a row for each estimator, {_where(table, study)}; "
@@ -241,7 +249,7 @@ def _grouped(table, column):
     return "; ".join(f"{value} ({words.listed(estimators(rows))})" for value, rows in groups)
 
 
-def finding(table, study, errors=()):
+def finding(table: pd.DataFrame, study: Study, errors: Sequence[tuple[str, str, bool]] = ()) -> str:
     """The main finding in one sentence; errors: see `_pose_errors`."""
     name = f"{study.name} ({captions.which_pairs(table, study)})"
     broken = _broken(table)

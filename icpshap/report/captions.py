@@ -4,11 +4,21 @@ Numbers come from the tables, so that a caption never says more than was run. Ta
 tables, and studies `study.Study`.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from icpshap.explanation import readings
 from icpshap.report import directions, doubts, effects, fit, here, in_doubt, pose_error, words
 from icpshap.report.study import contains_zero, judged, pairs_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from icpshap.report.study import Study
+
 
 ALONE = "One cause has nothing to interact with."
 NOTHING_PERTURBED = "Nothing was perturbed."
@@ -16,7 +26,7 @@ NOTHING_PERTURBED = "Nothing was perturbed."
 # --- how the numbers came about -------------------------------------------------------------------
 
 
-def method(table, study):
+def method(table: pd.DataFrame, study: Study) -> list[str]:
     """Estimator, what it returned, and what the intervals hold for."""
     kept = study.valued(table)
     made = _estimates(table.n_runs.max(), study)
@@ -51,7 +61,7 @@ def _intervals(kept, study):
 def _drawn_once(table, study, over):
     """The random numbers that all that was left out for the intervals share, "" for none."""
     shown = study.shown(table) if over in ("runs", "noise draws") else ()
-    parts = {}
+    parts: dict[str, list[str]] = {}
     for cause in sorted(shown, key=lambda cause: cause.drawn_once):
         if cause.drawn and (over == "runs" or cause.drawn_once):
             what, of_what = cause.drawn
@@ -59,26 +69,26 @@ def _drawn_once(table, study, over):
     return words.listed([f"one {what} {words.listed(of)}" for what, of in parts.items()])
 
 
-def symbols(study):
+def symbols(study: Study) -> list[str]:
     """What f, its unit and φ are, in sentences."""
     return [f"f = {meaning(study)}; φ, the Shapley value of a cause, is its share of f."]
 
 
-def meaning(study):
+def meaning(study: Study) -> str:
     """Name and unit of f, and what it says."""
     known = readings.READINGS[study.divergence]
     nats = " (a nat is 1.44 bits)" * (known.unit == "nats")
     return f"{reading(study)}{nats}{f' {known.meaning}' * bool(known.meaning)}"
 
 
-def reading(study):
+def reading(study: Study) -> str:
     """Name and unit of f, and how it was corrected."""
     known = readings.READINGS[study.divergence]
     corrected = f" with {study.bias_correction} correction" * (study.bias_correction != "none")
     return f"{known.label} [{known.unit}]{corrected}"
 
 
-def returned(study):
+def returned(study: Study) -> str:
     """What came back from the estimator, in one sentence."""
     returns = study.returns
     samples = "pose samples, " + (
@@ -94,14 +104,14 @@ def returned(study):
 # --- what was found -------------------------------------------------------------------------------
 
 
-def significance(table, study):
+def significance(table: pd.DataFrame, study: Study) -> list[str]:
     """How many Shapley values differ from 0, and how many of the negative ones do."""
-    phi, significant = [], []
-    for cause in study.players:
-        rows = judged(study.present(table, cause), f"phi_{cause.name}")
-        phi.append(rows[f"phi_{cause.name}"])
-        significant.append(~contains_zero(rows, f"phi_{cause.name}"))
-    phi, significant = np.concatenate(phi), np.concatenate(significant)
+    rows_of = {
+        f"phi_{cause.name}": judged(study.present(table, cause), f"phi_{cause.name}")
+        for cause in study.players
+    }
+    phi = np.concatenate([rows[name] for name, rows in rows_of.items()])
+    significant = np.concatenate([~contains_zero(rows, name) for name, rows in rows_of.items()])
     if len(phi) == 0:
         return []
     text = (
@@ -118,7 +128,7 @@ def significance(table, study):
     return [text + "."]
 
 
-def finding(table, directions_table, study):
+def finding(table: pd.DataFrame, directions_table: pd.DataFrame, study: Study) -> str:
     """The main finding of an experiment, after its name and its pairs."""
     told = found(table, directions_table, study)
     return f"{study.name} ({which_pairs(table, study)}{_explained_here(table, study)}): {told}"
@@ -130,12 +140,12 @@ def _explained_here(table, study):
     return f", {here.instances(table, study)}" if known else ""
 
 
-def found(table, directions_table, study):
+def found(table: pd.DataFrame, directions_table: pd.DataFrame, study: Study) -> str:
     """The main finding: the pose error, then f; what limits it comes first."""
     error = pose_error.sentence(directions_table, study)
     broken = fit.misfits(table, study)
-    before = [error, effects.success(table, study), effects.no_basin(table, study)]
-    before = "; ".join(filter(None, before))
+    known = [error, effects.success(table, study), effects.no_basin(table, study)]
+    before = "; ".join(filter(None, known))
     start = f"{broken} As it is: " * bool(broken) + f"{before}. As for f: " * bool(before)
     if len(study.valued(table)) == 0:
         none = here.nothing(table) if study.here else ""
@@ -206,7 +216,7 @@ def _in_median(rows, name, study):
 # --- what makes it doubtful -----------------------------------------------------------------------
 
 
-def sensor_sensitivity(table, study):
+def sensor_sensitivity(table: pd.DataFrame, study: Study) -> list[str]:
     """How far what the sensor's own noise was said to be decides the Shapley values."""
     parts = []
     for cause in study.shown(table) if study.returns.sensor_sigma else ():
@@ -226,7 +236,7 @@ def sensor_sensitivity(table, study):
     ]
 
 
-def noise_floor(table, study):
+def noise_floor(table: pd.DataFrame, study: Study) -> list[str]:
     """What f is without any perturbation, by chance alone."""
     kept = study.valued(table)
     again = pairs_of(kept).f_again.dropna()
@@ -260,7 +270,7 @@ def noise_floor(table, study):
 # --- captions -------------------------------------------------------------------------------------
 
 
-def caption(figure, table, study):
+def caption(figure: str, table: pd.DataFrame, study: Study) -> str:
     """The caption of a figure by its name, one paragraph: what breaks it first, warnings last."""
     of_chance = noise_floor(table, study) if figure in ("waterfall", "pairs", "drive") else []
     opening = _opening(figure, table, study)
@@ -273,7 +283,7 @@ def _broken_first(sentences, table, study):
     return " ".join(sorted(sentences, key=lambda text: text != broken))
 
 
-def of_all(table, study):
+def of_all(table: pd.DataFrame, study: Study) -> list[str]:
     """What every caption says of a table, a page but once; what limits it first, in sentences."""
     return [
         *limits(table, study),
@@ -286,7 +296,7 @@ def of_all(table, study):
     ]
 
 
-def no_wrong_basin(table, study):
+def no_wrong_basin(table: pd.DataFrame, study: Study) -> list[str]:
     """That no run ended in a wrong basin, where that is so; else it is a doubt."""
     kept = study.valued(table)
     if len(kept) == 0 or not study.returns.samples or kept.n_wrong_basin.max() > 0:
@@ -294,7 +304,7 @@ def no_wrong_basin(table, study):
     return [f"No {study.repeats.removesuffix('s')} ended in a wrong basin."]
 
 
-def of_directions(table, shap, study):
+def of_directions(table: pd.DataFrame, shap: pd.DataFrame, study: Study) -> str:
     """The caption of the figure of directions; shap: the shap table beside the directions table."""
     if not study.shown(shap):
         return NOTHING_PERTURBED
@@ -315,7 +325,7 @@ def of_directions(table, shap, study):
     return _broken_first(sentences, shown, study)
 
 
-def limits(table, study):
+def limits(table: pd.DataFrame, study: Study) -> list[str]:
     """What must be known before any number is read, in sentences."""
     found = (
         fit.misfits(table, study).removesuffix("."),
@@ -329,11 +339,12 @@ def _opening(figure, table, study):
     if not study.shown(table):
         return NOTHING_PERTURBED
     if figure in study.dependence_figures:
-        return _dependence(*study.dependence_figures[figure], table, study)
+        cause, other = study.dependence_figures[figure]
+        return _dependence(cause, other, table, study)
     return OPENINGS[figure](table, study)
 
 
-def which_pairs(table, study):
+def which_pairs(table: pd.DataFrame, study: Study) -> str:
     """The pairs of a table in words."""
     pairs = pairs_of(table)
     if len(pairs) == 1:
@@ -344,7 +355,7 @@ def which_pairs(table, study):
     return f"{some}{len(pairs)} pairs of {names}"
 
 
-def which_instances(table, study):
+def which_instances(table: pd.DataFrame, study: Study) -> str:
     """The perturbations of a table in words."""
     shown = study.shown(table)
     if study.here:
@@ -470,7 +481,7 @@ OPENINGS = {
 }
 
 
-def additive_interaction(factor):
+def additive_interaction(factor: float) -> float:
     """Interaction [nats] of two causes whose covariances add up: clean I, each adds factor I.
 
     Nothing interacts in the covariances, yet the logarithm makes f subadditive.

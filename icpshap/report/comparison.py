@@ -3,7 +3,11 @@
 What the paper compares is named here and nowhere else.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from itertools import cycle
+from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -14,6 +18,12 @@ from icpshap.causes import CAUSES, named
 from icpshap.report import words
 from icpshap.report.figures.style import INK, MUTED, PAGE, say_nothing, styled, tame, value_label
 from icpshap.report.tables import escaped, median_rows
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from icpshap.report.study import Study
+
 
 # The pair and the perturbation of the paper's figures and of its table, and the order it finds.
 FIGURE_PAIR = ("apartment", 6, 7)
@@ -34,7 +44,7 @@ COLUMNS = [
 ]
 
 
-def is_comparable(shap, study):
+def is_comparable(shap: pd.DataFrame, study: Study) -> bool:
     """Whether medians of a shap table are of the quantity that Table 1 shows."""
     if not _plays_the_papers_game(study):
         return False
@@ -49,7 +59,7 @@ def _plays_the_papers_game(study):
     return study.divergence == "kl" and players and not study.variants
 
 
-def compare_medians(ranking, study):
+def compare_medians(ranking: pd.DataFrame, study: Study) -> pd.DataFrame:
     """Rows for Table 1: our medians and intervals beside the paper's values."""
     rows = []
     for row in median_rows(ranking).to_dict(orient="records"):
@@ -61,7 +71,7 @@ def compare_medians(ranking, study):
     return _frame(rows, study)
 
 
-def compare_figures(shap, figures, study):
+def compare_figures(shap: pd.DataFrame, figures: pd.DataFrame, study: Study) -> pd.DataFrame:
     """Rows for the waterfall and the summary plot of a grid over the paper's pair.
 
     figures: the reference table of values read off the paper's figures. The summary plot's rows
@@ -108,12 +118,12 @@ HEADER = ["Paper", "Sequence", "Quantity", "Estimator", "Paper's value", "Ours"]
 NOTHING = "No selected experiment has a counterpart in the paper."
 
 
-def markdown(table, titles):
+def markdown(table: pd.DataFrame, titles: Mapping[str, str]) -> str:
     """The comparison as Markdown; titles: names of sequences by their keys."""
     return _layout(table, titles, "pipe") + "\n"
 
 
-def html(table, titles):
+def html(table: pd.DataFrame, titles: Mapping[str, str]) -> str:
     """The comparison as an HTML table."""
     return _layout(table, titles, "html")
 
@@ -141,7 +151,7 @@ def _body(table, titles, form):
     return lines
 
 
-def caption(table):
+def caption(table: pd.DataFrame) -> str:
     """What the table and the figure of the comparison show."""
     if len(table) == 0:
         return NOTHING
@@ -159,7 +169,7 @@ def caption(table):
 # --- the figure -----------------------------------------------------------------------------------
 
 
-def draw(table, titles):
+def draw(table: pd.DataFrame, titles: Mapping[str, str]) -> Figure:
     """A panel for each cause of the paper: the paper's values and those of every estimator."""
     with styled():
         lines = list(dict.fromkeys(zip(table.shown_in, table.sequence, strict=True)))

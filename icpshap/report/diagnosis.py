@@ -1,5 +1,10 @@
 """What is wrong with pairs of scans, in words; tables are those of `diagnosis.table`."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import pandas as pd
 from tabulate import tabulate
@@ -11,11 +16,15 @@ from icpshap.report import words
 from icpshap.report.study import pairs_of
 from icpshap.tables import PAIR
 
+if TYPE_CHECKING:
+    from icpshap.report.study import Study
+
+
 LOST = "clean runs in a wrong basin"
 ENOUGH = 8  # healthy pairs from which on they say how much what is usual varies
 
 
-def sentence(row):
+def sentence(row: Any) -> str:
     """The verdict on a pair, a row (a named tuple) of the table, with its confidence."""
     beside = {
         OTHERS: f"Beside {row.healthy_pairs} other pair{'s' * (row.healthy_pairs > 1)}",
@@ -43,12 +52,12 @@ def sentence(row):
     )
 
 
-def probability(value):
+def probability(value: float) -> str:
     """That of a verdict: none is certain."""
     return "above 0.99" if value > 0.99 else f"{value:.2f}"
 
 
-def doubts(row):
+def doubts(row: Any) -> str:
     """What the pairs that a pair is held against do not say, "" of nothing."""
     if row.against == SHEET:
         return "A data sheet says something of noise alone, and nothing of overlap and directions."
@@ -74,13 +83,13 @@ def _found(name, row):
     return f"{cause.title} ({at}, {getattr(row, f'z_{name}'):+.1f} standard deviations)"
 
 
-def weakest(row):
+def weakest(row: Any) -> str:
     """The direction of the pose that a pair holds least."""
     share = words.significant(100 * row.weakest_information)
     return f"Weakest direction: {row.weakest}, with {share} % of the information (16.7 % is even)."
 
 
-def unseen():
+def unseen() -> str:
     """Which causes no scan shows, and why they are not in a verdict."""
     known = causes.CAUSES.values()
     told = words.listed([cause.title for cause in known if cause.told])
@@ -92,7 +101,7 @@ def unseen():
     )
 
 
-def summary(table, pair_name):
+def summary(table: pd.DataFrame, pair_name: Callable[[Any], str]) -> str:
     """How many pairs of a table stand out, and by what; pair_name: words of a row's pair."""
     if len(table) == 1:
         return sentence(next(table.itertuples()))
@@ -111,7 +120,7 @@ def summary(table, pair_name):
     )
 
 
-def short(row):
+def short(row: Any) -> str:
     """What was found of a pair, with its levels."""
     names = row.causes.split(", ")
     if row.verdict == UNDECIDED:
@@ -119,7 +128,7 @@ def short(row):
     return words.listed([_found(name, row) for name in names])
 
 
-def html(table, shaps, study):
+def html(table: pd.DataFrame, shaps: Mapping[str, pd.DataFrame], study: Study) -> str:
     """What was found of each pair, as an HTML table; cells: standard deviations from the others.
 
     shaps: shap tables of the same pairs, by the experiment's name: each knows where its clean runs
@@ -147,7 +156,7 @@ def _lost(table, shaps):
 
     One of all experiments of which it is the same.
     """
-    columns = {}
+    columns: dict[tuple, list[str]] = {}
     for name, shap in shaps.items():
         of_pair = pairs_of(shap).set_index(PAIR).clean_wrong_basin_share
         shares = of_pair.reindex(pd.MultiIndex.from_frame(table[PAIR]))

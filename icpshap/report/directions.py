@@ -3,7 +3,10 @@
 Tables are directions tables, and studies `study.Study`.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from tabulate import tabulate
@@ -11,6 +14,13 @@ from tabulate import tabulate
 from icpshap.explanation.directions import VECTOR
 from icpshap.report import words
 from icpshap.report.study import PAIR, pairs_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from icpshap.causes.cause import Cause
+    from icpshap.report.study import Study
+
 
 ORDER = (
     "translation_x",
@@ -73,17 +83,17 @@ class Row(NamedTuple):
     quantile_ends: str
 
 
-def chosen(table, study):
+def chosen(table: pd.DataFrame, study: Study) -> pd.DataFrame:
     """The rows that are shown: of the waterfall's instance where there is one, else all."""
     return study.instance(table, study.waterfall) if study.waterfall else table
 
 
-def summary(table, study):
+def summary(table: pd.DataFrame, study: Study) -> list[Row]:
     """A `Row` for each direction with values, medians over the instances that are shown."""
     return medians(chosen(table, study), study.shown(table))
 
 
-def medians(table, shown):
+def medians(table: pd.DataFrame, shown: Sequence[Cause]) -> list[Row]:
     """A `Row` for each direction with values, medians over the instances of the table."""
     rows = []
     for name in ORDER:
@@ -157,12 +167,12 @@ def _per_cent(share):
     return f"{100 * share:z.0f}"
 
 
-def deviation(variance):
+def deviation(variance: float) -> str:
     """Standard deviation of a variance as text; an estimate of a variance may be below 0."""
     return words.significant(np.sqrt(max(variance, 0.0)))
 
 
-def opening(table, study):
+def opening(table: pd.DataFrame, study: Study) -> str:
     """Which pairs and instances the numbers are of, the beginning of sentences; "" without any."""
     table = chosen(table, study)
     table, shown = table[table.value.notna()], study.shown(table)
@@ -179,7 +189,7 @@ def opening(table, study):
     return f"Medians over {number:,} instances of {of}, of a cause over those in which it is on:"
 
 
-def sentences(table, study):
+def sentences(table: pd.DataFrame, study: Study) -> list[str]:
     """What makes the weakest direction uncertain, and what the error grows by."""
     found = {row.name: row for row in summary(table, study)}
     told = []
@@ -192,7 +202,7 @@ def sentences(table, study):
 TABLE = ("error_translation", "error_rotation", "weakest")
 
 
-def html(table, study):
+def html(table: pd.DataFrame, study: Study) -> str:
     """What the error and the spread along the weakest direction are, and what makes them."""
     found = {row.name: row for row in summary(table, study)}
     rows = [found[name] for name in TABLE if name in found]
@@ -244,7 +254,7 @@ def _without(row, number):
     return f"{deviation(row.parts[number].remaining)}{row.parts[number].remaining_ends}"
 
 
-def note(table, study):
+def note(table: pd.DataFrame, study: Study) -> str:
     """What the rows of the table of errors mean."""
     found = {row.name: row for row in summary(table, study)}
     sentences = []

@@ -3,13 +3,22 @@
 Tables are shap tables, and studies `study.Study`.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from icpshap.diagnosis.here import USUAL
 from icpshap.report import words
 from icpshap.report.study import pairs_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from icpshap.report.study import Study
+
 
 FEW_PAIRS = 4  # are named one by one
 
@@ -97,18 +106,18 @@ KINDS = {
 }
 
 
-def kind_of(remark):
+def kind_of(remark: str) -> str:
     """Name of the kind of a remark of the tables."""
     known = (name for name, kind in KINDS.items() if any(mark in remark for mark in kind.marks))
     return next(known, "other")
 
 
-def warnings(table, study):
+def warnings(table: pd.DataFrame, study: Study) -> list[str]:
     """The texts of all doubts about a table, the gravest first."""
     return [doubt.text for doubt in of_table(table, study)]
 
 
-def of_table(table, study):
+def of_table(table: pd.DataFrame, study: Study) -> list[Doubt]:
     """The `Doubt`s about a table, the gravest first."""
     found = [
         *_not_registered(table, study),
@@ -121,7 +130,7 @@ def of_table(table, study):
     return sorted(found, key=lambda doubt: list(KINDS).index(doubt.kind))
 
 
-def of_pairs(pairs, study):
+def of_pairs(pairs: pd.DataFrame, study: Study) -> list[Doubt]:
     """The `Doubt`s about the pairs of a pairs table, a remark on several of them once."""
     return [
         Doubt(kind_of(remark), f"{_where(rows, study)}: {remark.rstrip('.')}.")
@@ -129,7 +138,7 @@ def of_pairs(pairs, study):
     ]
 
 
-def grouped(doubts):
+def grouped(doubts: Iterable[tuple[str, Doubt]]) -> list[Group]:
     """`Group`s of (scope, `Doubt`), the gravest first; each text of a scope once."""
     groups = []
     for name, kind in KINDS.items():

@@ -3,16 +3,27 @@
 Tables are shap tables, and studies `study.Study`.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from tabulate import tabulate
 
 from icpshap.report import words
 from icpshap.report.study import contains_zero, judged
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from icpshap.causes.cause import Cause
+    from icpshap.report.study import Study
+
+
 MOST = 0.5  # of the rows in which a cause is on, from which the whole is named after them
 
 
-def narrowing(table, study):
+def narrowing(table: pd.DataFrame, study: Study) -> list[Cause]:
     """The causes that narrow the spread in any row in which they are on."""
     return [
         cause
@@ -21,7 +32,7 @@ def narrowing(table, study):
     ]
 
 
-def no_basin(table, study):
+def no_basin(table: pd.DataFrame, study: Study) -> str:
     """How many instances have a setting whose runs do not lie together; "" for none."""
     number = table.no_basin.sum()
     if not number:
@@ -34,7 +45,7 @@ def no_basin(table, study):
     )
 
 
-def success(table, study):
+def success(table: pd.DataFrame, study: Study) -> str:
     """How often a registration that is not ours ends at the true pose; "" for our own."""
     if not study.estimator_kind.foreign or table.success_rate.isna().all():
         return ""
@@ -47,7 +58,7 @@ def success(table, study):
     )
 
 
-def shrinking(table, study, with_error=True):
+def shrinking(table: pd.DataFrame, study: Study, with_error: bool = True) -> str:
     """Where the spread gets smaller, by how much, and through which cause; "" where it does not.
 
     with_error: whether the error is told beside it.
@@ -80,14 +91,14 @@ def _errors(rows):
     return f", translation RMSE from {words.centimetres(before)} to {words.centimetres(after)} cm"
 
 
-def removal(table, study, largest):
+def removal(table: pd.DataFrame, study: Study, largest: Cause) -> str:
     """Which removal brings most, where that is not of the cause `largest`; "" else."""
     effects = {}
     for cause in study.shown(table):
         rows = study.present(table, cause)
         if len(rows):
             effects[cause] = rows[f"removal_{cause.name}"].median()
-    best = max(effects, key=effects.get)
+    best = max(effects, key=effects.__getitem__)
     if best == largest:
         return ""
     one, other = (_removed(study.present(table, cause), cause, study) for cause in (best, largest))
@@ -103,7 +114,7 @@ def _removed(rows, cause, study):
     return f"{text} (cannot be told from zero)" if unclear else text
 
 
-def shares(table, study):
+def shares(table: pd.DataFrame, study: Study) -> list[str]:
     """What share of the runs ends in a wrong basin, clean and perturbed; none without samples."""
     # Known even where too few runs are left for f.
     kept = table[table.wrong_basin_share.notna()]
@@ -116,7 +127,7 @@ def shares(table, study):
     ]
 
 
-def table_of_causes(table, study, form="html"):
+def table_of_causes(table: pd.DataFrame, study: Study, form: str = "html") -> str:
     """Of each cause phi, removal effect and part of the wrong-basin share, side by side.
 
     Of one instance with intervals, of several the medians over those in which the cause is on.
@@ -144,7 +155,7 @@ def table_of_causes(table, study, form="html"):
     return tabulate(body, header, tablefmt=form, disable_numparse=True) if body else ""
 
 
-def note_of_causes(table, study):
+def note_of_causes(table: pd.DataFrame, study: Study) -> str:
     """What the table of the causes shows."""
     medians = " Medians over the instances in which a cause is on." * (len(table) > 1)
     return (

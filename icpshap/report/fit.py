@@ -3,15 +3,25 @@
 Tables are shap tables and fit tables, and studies `study.Study`.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from tabulate import tabulate
 
 from icpshap.fit import checks
 from icpshap.report.study import pairs_of
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from icpshap.report.study import Study
+
+
 GRADES = {"red": "breaks the answer", "remark": "remark", "fits": "fits"}
 
 
-def misfits(table, study):
+def misfits(table: pd.DataFrame, study: Study) -> str:
     """What breaks the answers of a shap table, each with its pairs: a sentence; "" for nothing."""
     wrong = table[table.misfit != ""]
     if wrong.empty:
@@ -24,12 +34,12 @@ def misfits(table, study):
     return f"The settings do not fit the scans, which breaks this answer. {' '.join(found)}"
 
 
-def first(text, broken, mark=""):
+def first(text: str, broken: str, mark: str = "") -> str:
     """A text behind what breaks it, the sentence of `misfits`; mark: stands before that."""
     return f"{mark}{broken}\n\n{text}" if broken else text
 
 
-def html(fit, study):
+def html(fit: pd.DataFrame, study: Study) -> str:
     """A fit table over all its pairs, a row a check, as an HTML table."""
     rows = []
     several = len(pairs_of(fit)) > 1

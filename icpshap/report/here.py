@@ -3,6 +3,10 @@
 Tables are shap tables and tables of `diagnosis.table`, and studies `study.Study`.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from tabulate import tabulate
 
 from icpshap.diagnosis.here import USUAL
@@ -10,6 +14,13 @@ from icpshap.diagnosis.verdict import UNDECIDED
 from icpshap.report import diagnosis, words
 from icpshap.report.study import pairs_of
 from icpshap.tables import NO_PAIR, PAIR, PLAYED
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from icpshap.causes.cause import Cause
+    from icpshap.report.study import Study
+
 
 FEW_PAIRS = 4  # are named one by one
 NEW_SCANS = "that needs new scans"
@@ -21,7 +32,7 @@ NOTE = (
 )
 
 
-def instances(table, study):
+def instances(table: pd.DataFrame, study: Study) -> str:
     """At which levels pairs are explained, and on which pairs, after their names."""
     told = [cause for cause in study.shown(table) if cause.told]
     played = table[table.reason == ""]
@@ -46,15 +57,16 @@ def _where(table, study):
     return f", played {' or '.join(on)}" if on else ""
 
 
-def nothing(table):
+def nothing(table: pd.DataFrame) -> str:
     """That there is nothing to explain, where no pair stands out; "" else."""
     usual = bool(table.reason.str.startswith(USUAL).all())
     return "nothing stands out in any pair, so that there is nothing to explain" * usual
 
 
-def advice(table, study):
+def advice(table: pd.DataFrame, study: Study) -> list[str]:
     """What to do: of each cause that some pairs' f falls most without, these pairs; sentences."""
-    found, unclear = {}, []
+    found: dict[Cause, list[Any]] = {}
+    unclear = []
     for row in study.valued(table).itertuples():
         # Less of what narrows the spread makes no error smaller.
         best = [c for c in _by_removal(row, study) if not getattr(row, f"narrows_{c.name}")][:1]
@@ -87,7 +99,7 @@ def _named(rows, study, name=None):
     return words.listed(names) if len(names) <= FEW_PAIRS else f"{len(names)} pairs"
 
 
-def html(table, diagnoses, study):
+def html(table: pd.DataFrame, diagnoses: pd.DataFrame, study: Study) -> str:
     """Of each pair with an instance what was found, where it is played, and what removals bring."""
     diagnosed = {tuple(getattr(row, name) for name in PAIR): row for row in diagnoses.itertuples()}
     body = [

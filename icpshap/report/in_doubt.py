@@ -4,11 +4,14 @@ The fewest runs at the true pose come first, since f says nothing of where the r
 always misses has a small f. Tables are shap tables, and studies `study.Study`.
 """
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 from tabulate import tabulate
 
 from icpshap.report import words
+from icpshap.report.study import Study
 from icpshap.tables import PAIR
 
 MOST = 10  # pairs that are listed; of few pairs half
@@ -24,7 +27,7 @@ HOW = (
 HOW_WITHOUT_RUNS = "the largest f"
 
 
-def ranking(table, study):
+def ranking(table: pd.DataFrame, study: Study) -> pd.DataFrame:
     """The pairs most in doubt, a row each from rank 1: a table with one row of each pair.
 
     What was not registered has no rank. largest: the cause with the largest part of f.
@@ -41,19 +44,19 @@ def ranking(table, study):
     return found.reset_index(drop=True)
 
 
-def how(study):
+def how(study: Study) -> str:
     """By what pairs are ranked, in words."""
     return HOW if study.returns.samples else HOW_WITHOUT_RUNS
 
 
-def read(path):
+def read(path: str | Path) -> pd.DataFrame:
     """The table from the file that `DataFrame.to_csv` wrote."""
     table = pd.read_csv(path, dtype={"sequence": str, "largest": str}, keep_default_na=False)
     numbers = [name for name in table if name not in ("sequence", "largest")]
     return table.assign(**{name: pd.to_numeric(table[name]) for name in numbers})
 
 
-def html(found, study):
+def html(found: pd.DataFrame, study: Study) -> str:
     """A ranking as an HTML table."""
     rows = [
         [

@@ -1,8 +1,12 @@
 """One page that says what was found, how sure that is, and what was run; and its short form."""
 
+from __future__ import annotations
+
 from base64 import b64encode
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import yaml
@@ -72,7 +76,7 @@ class Estimators:
     links: list
 
 
-def warnings(sections):
+def warnings(sections: Sequence[Section]) -> list[doubts.Group]:
     """Everything that makes the sections' numbers doubtful: `doubts.Group`s, the gravest first."""
     found = []
     for section in sections:
@@ -86,7 +90,14 @@ def warnings(sections):
     return doubts.grouped(found)
 
 
-def page(sections, run, folder, comparison=None, joined=(), partial=()):
+def page(
+    sections: Sequence[Section],
+    run: Mapping[str, Any],
+    folder: str | Path,
+    comparison: tuple[str, str, str] | None = None,
+    joined: Sequence[Estimators] = (),
+    partial: Sequence[str] = (),
+) -> str:
     """The page as HTML, with every picture inside it.
 
     run: what `jobs.provenance.provenance` returned; folder: where the page will lie, which links
@@ -117,7 +128,9 @@ def page(sections, run, folder, comparison=None, joined=(), partial=()):
     )
 
 
-def summary(sections, page_path, joined=()):
+def summary(
+    sections: Sequence[Section], page_path: str | Path, joined: Sequence[Estimators] = ()
+) -> str:
     """The end of a run in a few lines: where the results are, and the main findings."""
     lines = ["", f"Report: {page_path}"]
     for part in joined:
@@ -130,7 +143,7 @@ def summary(sections, page_path, joined=()):
     for finding in _findings(sections, joined):
         lines += ["", finding]
     lines += ["", " ".join(_symbols(sections)), ""]
-    told = {}
+    told: dict[str, list[str]] = {}
     for section in _alone(sections, joined):
         told.setdefault(" ".join(_advice(section)), []).append(section.scope)
     lines += [f"{', '.join(scopes)}: {text}" for text, scopes in told.items() if text]
@@ -174,7 +187,7 @@ def _diagnoses(sections):
 
     What is the same of several sections, since they are of the same pairs, is said once.
     """
-    found = {}
+    found: dict[Any, Any] = {}
     for section in sections:
         if section.diagnosis is None or not (section.diagnosis.against == OTHERS).any():
             continue  # a pair alone has nothing to be held against
@@ -310,7 +323,7 @@ def _embedded(path):
 
 def _width(path):
     """Width on the page [pixels] of an SVG whose size is in points."""
-    width = ElementTree.parse(path).getroot().get("width")
+    width = ElementTree.parse(path).getroot().get("width", "")
     return round(float(width.removesuffix("pt")) * POINTS_TO_PIXELS)
 
 

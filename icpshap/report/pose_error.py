@@ -4,13 +4,21 @@ Of estimators that return no samples no error is known: the standard deviation o
 is told in its place. Tables are directions tables, and studies `study.Study`.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from icpshap.explanation.directions import AXES
 from icpshap.report import directions, words
 from icpshap.report.study import PAIR, pairs_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from icpshap.report.study import Study
+
 
 MOST = 0.5  # of a cause's part along three axes, from which one is named; of instances, for a sign
 HARDLY = 0.1  # of the clean error: shares of a smaller change would make much of next to nothing
@@ -35,7 +43,7 @@ class Change(NamedTuple):
     hardly: bool
 
 
-def sentence(table, study):
+def sentence(table: pd.DataFrame, study: Study) -> str:
     """The error clean and with all causes on, and what it grows by; "" where nothing is known."""
     table, names = _told(table, study)
     if not names:
@@ -51,7 +59,7 @@ def sentence(table, study):
     return "; ".join([*parts, *_causes(changes, rows, shown)])
 
 
-def before_and_after(table, study):
+def before_and_after(table: pd.DataFrame, study: Study) -> tuple[str, bool]:
     """The error clean and with all causes on, in short, and whether it is one; ("", False) if not
     known."""
     table, names = _told(table, study)
@@ -120,7 +128,7 @@ def _listed(changes, told):
 
 def _causes(changes, rows, shown):
     """Which cause changes the error most, by how much, and what it would be without."""
-    made = {}
+    made: dict[int, list[Change]] = {}
     for change in changes:
         if change.sign:
             number = max(range(len(shown)), key=lambda k: change.sign * _part(change, k).value)
@@ -149,7 +157,7 @@ def _part(change, number):
 
 def _made(changes, number, rows):
     """What a cause does to the errors, after its name: a phrase each."""
-    phrases = []
+    phrases: list[str] = []
     for change in changes:
         if change.sign < 0:
             again = "" if phrases and phrases[-1].startswith("lowers") else "lowers it most "
@@ -177,6 +185,6 @@ def _mostly(number, rows):
     """The axis along which most of a cause's part lies; "" where none has most of it."""
     along = {name: rows[name].parts[number].value for name in AXES if name in rows}
     along = {name: part for name, part in along.items() if name.startswith("translation")}
-    largest = max(along, key=along.get, default="")
+    largest = max(along, key=along.__getitem__, default="")
     total = sum(abs(part) for part in along.values())
     return f", mostly {AXES[largest]}" if total and along[largest] > MOST * total else ""

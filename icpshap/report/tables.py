@@ -3,10 +3,20 @@
 A ranking is the table of `explanation.ranking.ranking_table`, a study a `study.Study`.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 from tabulate import tabulate
 
 from icpshap.report import words
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from icpshap.report.study import Study
+
 
 DEFAULT_RULE = "iqr"
 RULES = {
@@ -23,13 +33,13 @@ LATEX = {
 UNSURE = {"pipe": "°", "html": "°", "latex_raw": r"$^\circ$"}
 
 
-def median_rows(ranking):
+def median_rows(ranking: pd.DataFrame) -> pd.DataFrame:
     """The rows of a ranking table by the default outlier rule; of few pairs those without one."""
     judged = ranking.groupby("sequence").outlier_rule.transform("nunique") > 1
     return ranking[(ranking.outlier_rule == DEFAULT_RULE) | ~judged]
 
 
-def markdown(ranking, study):
+def markdown(ranking: pd.DataFrame, study: Study) -> str:
     """The medians with their note, and the medians under each reading of the outlier rule."""
     if len(ranking) == 0:
         return "No pair has a value.\n"
@@ -38,14 +48,14 @@ def markdown(ranking, study):
     return "\n\n".join(filter(None, parts)) + "\n"
 
 
-def html(ranking, study):
+def html(ranking: pd.DataFrame, study: Study) -> str:
     """The medians, and below them the medians under each reading of the outlier rule."""
     if len(ranking) == 0:
         return "<p>No pair has a value.</p>"
     return _table(ranking, study, "html") + _rules_table(ranking, study, "html")
 
 
-def latex(ranking, study):
+def latex(ranking: pd.DataFrame, study: Study) -> str:
     """The medians as a tabular environment."""
     if len(ranking) == 0:
         return "% No pair has a value.\n"
@@ -73,7 +83,7 @@ def _table(ranking, study, form):
     return tabulate(body, header, tablefmt=form, disable_numparse=True)
 
 
-def escaped(text, form):
+def escaped(text: str, form: str) -> str:
     """A user's text as the form of a table shows it; HTML is escaped where the table is made."""
     if form == "latex_raw":
         return "".join(LATEX.get(letter, letter) for letter in text)
@@ -90,7 +100,7 @@ def _probability(row):
     return f"{row.probability:.2f} (p = {row.p_holm:.2g})" if known else ""
 
 
-def estimate(row, name, form):
+def estimate(row: Any, name: str, form: str) -> str:
     """A median with its interval, marked where 0 lies in it."""
     median, low, high = (getattr(row, f"median_{name}{end}") for end in ("", "_low", "_high"))
     if np.isnan(median):
@@ -122,7 +132,7 @@ def _rules_table(ranking, study, form):
     return tabulate(body, header, tablefmt=form, disable_numparse=True)
 
 
-def note(ranking, study):
+def note(ranking: pd.DataFrame, study: Study) -> str:
     """What the table shows."""
     rows = median_rows(ranking)
     sentences = [
@@ -140,8 +150,9 @@ def note(ranking, study):
             "P is the share of the bootstrap in which the medians have the order given; p is "
             "one-sided, with Holm's correction for the number of sequences."
         )
-    inside = [rows.loc[rows[f"paper_{n}"].notna(), f"paper_{n}_inside"] for n in study.causes]
-    inside = np.concatenate(inside)
+    inside = np.concatenate(
+        [rows.loc[rows[f"paper_{n}"].notna(), f"paper_{n}_inside"] for n in study.causes]
+    )
     if len(inside):
         sentences.append(
             f"{inside.sum():.0f} of the paper's {len(inside)} values lie in our intervals."

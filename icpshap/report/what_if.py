@@ -1,11 +1,21 @@
 """What the explained instance becomes with other options, as a table, and which of them helps."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import pandas as pd
 from tabulate import tabulate
 
 from icpshap.report import words
 from icpshap.report.study import PAIR, pairs_of
+
+if TYPE_CHECKING:
+    from icpshap.report.study import Study
+
 
 AS_IT_IS = "as it is"
 HELPS = 0.9  # times the error, below which a change is said to lower it
@@ -18,7 +28,9 @@ ERRORS = {
 SHARES = ("f", "f_low", "f_high", "wrong_basin_share", "success_rate")
 
 
-def table(parts, pairs):
+def table(
+    parts: Iterable[tuple[str, Mapping[str, Any], pd.DataFrame]], pairs: pd.DataFrame
+) -> pd.DataFrame:
     """A row for each change and pair: what it is, errors, f, share of wrong basins, success.
 
     parts: (name, changes, shap table of the instance) of each, the first as it is; pairs: the pairs
@@ -33,7 +45,7 @@ def table(parts, pairs):
     return joined[["what_if", "changes", *PAIR, "characteristic_length", *ERRORS, *SHARES]]
 
 
-def in_words(changes):
+def in_words(changes: Mapping[str, Any]) -> str:
     """Changes as one writes them, as in 'normal_neighbours: 20'."""
     return ", ".join(f"{name}: {_written(value)}" for name, value in changes.items())
 
@@ -44,7 +56,7 @@ def _written(value):
     return f"{value:g}" if isinstance(value, int | float) else str(value)
 
 
-def medians(table):
+def medians(table: pd.DataFrame) -> pd.DataFrame:
     """A row of each change, in their order: medians over pairs, and the error at the length L.
 
     error [m]: sqrt(translation^2 + (L rotation)^2) of the perturbed runs.
@@ -55,7 +67,7 @@ def medians(table):
     return grouped.median().reset_index()
 
 
-def now_and_best(table):
+def now_and_best(table: pd.DataFrame) -> tuple[pd.Series, pd.Series | None]:
     """Rows of `medians`: as it is, and what of all that was tried lowers the error most.
 
     None in the place of the second where nothing lowers it by a tenth.
@@ -66,7 +78,7 @@ def now_and_best(table):
     return now, None if better.empty else better.loc[better.error.idxmin()]
 
 
-def advice(table, study):
+def advice(table: pd.DataFrame, study: Study) -> str:
     """What of all that was tried helps most, with its effect; or that nothing does."""
     now, best = now_and_best(table)
     if np.isnan(now.error):
@@ -86,7 +98,7 @@ def advice(table, study):
     )
 
 
-def error(row, clean=False):
+def error(row: Any, clean: bool = False) -> str:
     """The error of a row of `medians` in words, as in '17.8 cm, 2.5 deg'."""
     translation, rotation = (
         row[f"{'clean_' * clean}{name}"] for name in ("translation_rmse", "rotation_rmse")
@@ -96,12 +108,12 @@ def error(row, clean=False):
     return f"{words.centimetres(translation)} cm, {words.significant(np.rad2deg(rotation))} deg"
 
 
-def html(table, study):
+def html(table: pd.DataFrame, study: Study) -> str:
     """The medians of the changes as an HTML table."""
     return tabulate(_cells(table), _header(study), tablefmt="html", disable_numparse=True)
 
 
-def markdown(table, study):
+def markdown(table: pd.DataFrame, study: Study) -> str:
     """The same as Markdown, with the advice."""
     text = tabulate(_cells(table), _header(study), tablefmt="pipe", disable_numparse=True)
     return f"{text}\n\n{advice(table, study)}\n"
@@ -126,6 +138,6 @@ def _cells(table):
         ]
 
 
-def read(path):
+def read(path: str | Path) -> pd.DataFrame:
     """The table of a CSV file."""
     return pd.read_csv(path, keep_default_na=False, na_values=[""]).fillna({"changes": ""})

@@ -108,7 +108,7 @@ def test_the_tree_alone_finds_the_same(cloud):
     for query, d2, index in zip(queries, expected_distance, expected_index, strict=True):
         kdtree.nearest(tree, *query, 30, np.inf, found, distance, 0, stack)
         np.testing.assert_array_equal(distance, d2)
-        np.testing.assert_array_equal(tree.index[found], index)
+        np.testing.assert_array_equal(tree.rows[found], index)
 
 
 @pytest.mark.parametrize("cloud", [one_place, few_places, one_ulp_apart, half_within_some_ulps])
@@ -180,7 +180,7 @@ def test_the_budget_of_fills_is_kept_and_changes_no_match(left):
     measure(reference.tree.points, np.inf, count, 3, work, found, distance)
     d2, index = brute_force(points - reference.mean, queries, 3)
     np.testing.assert_array_equal(distance.reshape(-1, 3), d2)
-    np.testing.assert_array_equal(reference.tree.index[found].reshape(-1, 3), index)
+    np.testing.assert_array_equal(reference.tree.rows[found].reshape(-1, 3), index)
     assert lists.used[2] <= budget(lists, len(points)) + len(points)
     assert (lists.used[2] == before) == (left < 0)
 

@@ -74,7 +74,7 @@ def engine_matches(reference, queries, matches, limit=np.inf, room=None):
         match(tree, lists, matches, limit, count, work)
         measure(tree.points, limit, count, matches, work, found, distance)
         divide_soon(lists)
-    index = np.where(found >= 0, tree.index[found], -1)
+    index = np.where(found >= 0, tree.rows[found], -1)
     return distance.reshape(-1, matches), index.reshape(-1, matches), queries, reference
 
 
@@ -148,7 +148,7 @@ def test_normals_in_the_order_of_the_points():
     rng = np.random.default_rng(3)
     reference = icp.Reference(GENERATORS["random"](rng))
     np.testing.assert_array_equal(
-        reference.in_rows(reference.normals)[reference.tree.index], reference.normals
+        reference.in_rows(reference.normals)[reference.tree.rows], reference.normals
     )
 
 

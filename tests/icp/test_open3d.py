@@ -74,7 +74,7 @@ def open3d_poses(pair, planes, iterations, smallest_change=0.0):
     if planes:
         engine = icp.Reference(reference)
         normals = np.empty_like(reference)
-        normals[engine.tree.index] = engine.normals
+        normals[engine.tree.rows] = engine.normals
         clouds[1].normals = open3d.utility.Vector3dVector(normals)
         method = registration.TransformationEstimationPointToPlane()
     criteria = registration.ICPConvergenceCriteria(smallest_change, smallest_change, iterations)

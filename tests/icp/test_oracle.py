@@ -62,5 +62,5 @@ def test_same_normals(kind, references):
     """Up to sign, wherever the seven neighbours single out a direction."""
     expected = load("reference_normals_f64.npz")[f"normals_{kind}"]
     reference = references[("clean", "noisy").index(kind)]
-    cosine = np.einsum("ij,ij->i", reference.normals, expected[reference.tree.index])
+    cosine = np.einsum("ij,ij->i", reference.normals, expected[reference.tree.rows])
     assert np.quantile(1 - np.abs(cosine), 0.999) < 1e-9

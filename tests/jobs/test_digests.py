@@ -75,6 +75,12 @@ def test_a_module_that_the_script_reaches_changes_it(library, name, old, new):
         ("c.py", "2", "5"),
         ("a.py", "Doc.", "Another sentence."),
         ("b.py", "x = 1", "# why\nx = 1"),
+        ("a.py", "def f():", "def f() -> int:"),
+        (
+            "b.py",
+            "x = 1",
+            "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from icpshap import c\nx = 1",
+        ),
         ("formats/ply.py", "5", "6"),
         ("causes/noise.py", "6", "8"),
         ("causes/pose.py", "7", "8"),

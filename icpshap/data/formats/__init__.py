@@ -26,6 +26,7 @@ that several share.
 
 import re
 from pathlib import Path
+from types import ModuleType
 
 from icpshap import registry
 from icpshap.data.formats._lines import AXES
@@ -33,13 +34,17 @@ from icpshap.data.formats._lines import AXES
 COMPRESSED = ".gz"
 
 
-def suffix_of(path):
-    """The ending by which a file's format is found, in lower case: ".ply" or ".ply.gz"."""
+def suffix_of(path: Path) -> str:
+    """The ending by which a file's format is found, in lower case: ".ply" or ".ply.gz".
+
+    >>> suffix_of(Path("scan_7.PLY.gz"))
+    '.ply.gz'
+    """
     last = path.suffix.lower()
     return Path(path.stem).suffix.lower() + last if last == COMPRESSED else last
 
 
-def stem_of(name):
+def stem_of(name: str) -> str:
     """The name of a file, as text, without the ending of its format."""
     return re.sub(r"\.[A-Za-z]+(\.gz)?$", "", name, flags=re.IGNORECASE)
 
@@ -50,7 +55,7 @@ def _by_suffix(modules):
     Raises ImportError for a module that is no format, and for a suffix that no file name can have
     or that two modules claim.
     """
-    owners = {}
+    owners: dict[str, ModuleType] = {}
     for module in modules:
         missing = ["SUFFIXES"] * (not hasattr(module, "SUFFIXES"))
         missing += ["read"] * (not hasattr(module, "read") and not _reads_columns(module))

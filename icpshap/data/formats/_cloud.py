@@ -32,15 +32,15 @@ BLOCK = 2**22  # bytes of rows at a time
 
 
 class Field(NamedTuple):
-    """A column of the rows, or ``count`` adjacent ones of one name."""
+    """A column of the rows, or ``width`` adjacent ones of one name."""
 
     name: str
     kind: str  # as numpy writes it, byte order included: "<f4"
-    count: int = 1
+    width: int = 1
 
     @property
     def bytes(self):
-        return np.dtype(self.kind).itemsize * self.count
+        return np.dtype(self.kind).itemsize * self.width
 
 
 class Rows(NamedTuple):
@@ -57,7 +57,7 @@ class Rows(NamedTuple):
     @property
     def columns(self):
         """Names of the columns; one that is there three times is listed three times."""
-        return [field.name for field in self.fields for _ in range(field.count)]
+        return [field.name for field in self.fields for _ in range(field.width)]
 
 
 class HeaderError(ValueError):
@@ -130,7 +130,7 @@ def named_columns(path, rows, names):
             f"{path}: no column {', '.join(missing)} in the header; its columns are {columns}.",
             "a scan needs the columns x, y and z; rename them or export with them.",
         )
-    counts = {axis: [rows.fields[k].count for k in found] for axis, found in places.items()}
+    counts = {axis: [rows.fields[k].width for k in found] for axis, found in places.items()}
     if repeated := [axis for axis in AXES if counts[axis] != [1]]:
         raise DataError(
             f"{path}: more than one column {', '.join(repeated)} in the header, expected one; its"
@@ -140,7 +140,7 @@ def named_columns(path, rows, names):
     for name in names[len(AXES) :]:
         if rows.columns.count(name) != 1:
             raise no_time_column(path, name, rows.columns)
-    if (width := sum(field.count for field in rows.fields)) > MAXIMUM_COLUMNS:
+    if (width := sum(field.width for field in rows.fields)) > MAXIMUM_COLUMNS:
         raise DataError(
             f"{path}: {width} columns in the header, at most {MAXIMUM_COLUMNS} are accepted.",
             "the header may be damaged; export the scan with fewer columns.",

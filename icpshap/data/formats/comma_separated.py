@@ -2,6 +2,8 @@
 
 import csv
 import re
+from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +42,7 @@ class Layout(NamedTuple):
     has_header: bool
 
 
-def read_columns(path, columns, wanted):
+def read_columns(path: Path, columns: Sequence[str] | None, wanted: Sequence[str]) -> np.ndarray:
     """The `wanted` columns (n, k) of a file of these columns, whatever its first line says.
 
     Else this names the columns, of which others are ignored; without it, x, y and z are the first
@@ -128,8 +130,8 @@ def _csv_error(path, file, names, message):
         row, expected, found = map(int, match.groups())
         return wrong_width(path, _line_of_row(file, row), found, expected)
     if match := re.search(r"column #(\d+): Row #(\d+): .* invalid value '(.*)'", message, re.S):
-        column, row, value = match.groups()
-        return not_a_number(path, _line_of_row(file, int(row)), names[int(column)], value)
+        column, number, value = match.groups()
+        return not_a_number(path, _line_of_row(file, int(number)), names[int(column)], value)
     return DataError(f"{path}: {message}", GET_AGAIN)
 
 

@@ -1,5 +1,8 @@
 """Rows of 4-byte floats without a header, as KITTI and nuScenes have them."""
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import numpy as np
 
 from icpshap.data.formats._cloud import as_doubles
@@ -13,7 +16,7 @@ NUSCENES = (*KITTI, "ring")
 VALUE = np.dtype("<f4")
 
 
-def read_columns(path, columns, wanted):
+def read_columns(path: Path, columns: Sequence[str] | None, wanted: Sequence[str]) -> np.ndarray:
     """The `wanted` columns (n, k) of rows of these columns, by default of KITTI's.
 
     Raises DataError.

@@ -2,6 +2,8 @@
 
 import zipfile
 import zlib
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +20,7 @@ MAXIMUM_BYTES = 2**31  # of an array
 MAXIMUM_EXPANSION = 1032  # of what zip files are compressed by
 
 
-def read_columns(path, columns, wanted):
+def read_columns(path: Path, columns: Sequence[str] | None, wanted: Sequence[str]) -> np.ndarray:
     """The `wanted` columns (n, k) of the array that is called like one of POINTS, or the only one.
 
     Else of the arrays x, y and z. Times are a column or field of the array of points, or an array
@@ -45,7 +47,8 @@ def _columns(path, archive, members, columns, wanted):
     if len(known) == 1 or len(names) == 1:
         name = (known or names)[0]
         array = _array(path, archive, members[name])
-        own, separate = wanted, ()
+        own: Sequence[str] = wanted
+        separate: Sequence[str] = ()
         if array.dtype.names is None and not (columns and set(wanted) <= set(columns)):
             own, separate = wanted[: len(AXES)], wanted[len(AXES) :]
         points = columns_of(f"{path}, array {name}", array, columns, own)

@@ -2,6 +2,8 @@
 
 import re
 from array import array
+from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +37,7 @@ class Head(NamedTuple):
     separator: str | None
 
 
-def read_columns(path, columns, wanted):
+def read_columns(path: Path, columns: Sequence[str] | None, wanted: Sequence[str]) -> np.ndarray:
     """The `wanted` columns (n, k) of a file of these columns, whatever its first line says.
 
     Else this may name the columns, or the first three are x, y, z. Lines that begin with one of

@@ -4,6 +4,7 @@ import os
 import re
 import struct
 from itertools import islice
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -55,7 +56,7 @@ class Element(NamedTuple):
     """An element of the body: vertices, faces and the like, one after the other."""
 
     name: str
-    count: int
+    number: int
     properties: list
 
 
@@ -66,19 +67,19 @@ class Header(NamedTuple):
     elements: list
 
     @property
-    def rows(self):
+    def rows(self) -> Rows:
         """The vertices as `Rows`. Raises HeaderError where one has a list."""
         vertices = next(element for element in self.elements if element.name == "vertex")
         order = BYTE_ORDERS[self.encoding]
-        return Rows(vertices.count, [Field(p.name, order + p.kind) for p in vertices.properties])
+        return Rows(vertices.number, [Field(p.name, order + p.kind) for p in vertices.properties])
 
 
-def read(path):
+def read(path: Path) -> np.ndarray:
     """Points (n, 3) [m] of the vertices' properties x, y and z. Raises DataError."""
     return _read(path, AXES)
 
 
-def read_timed(path, time):
+def read_timed(path: Path, time: str) -> np.ndarray:
     """The same with the property of the name ``time`` after them, (n, 4)."""
     return _read(path, (*AXES, time))
 
@@ -94,7 +95,8 @@ def _read(path, names):
 
 def _header(lines):
     """`Header` out of the lines of one."""
-    encoding, elements = None, []
+    encoding = None
+    elements: list[Element] = []
     for words in lines:
         if lines.number == 1 and words != ["ply"]:
             raise HeaderError(f"{shown(' '.join(words))}, expected ply")
@@ -155,12 +157,12 @@ def _from_text(path, file, line, header, names):
 def _skip_text(path, lines, element):
     """Leave out the lines of an element; each must have the width that its lists say."""
     found = 0
-    for line, cells in islice(lines, element.count):
+    for line, cells in islice(lines, element.number):
         found += 1
         if len(cells) != (expected := _text_width(element, cells)):
             raise wrong_width(path, line, len(cells), expected)
-    if found < element.count:
-        raise cut_off(path, element.count, element.name)
+    if found < element.number:
+        raise cut_off(path, element.number, element.name)
 
 
 def _text_width(element, cells):
@@ -180,7 +182,7 @@ def _from_binary(path, file, header, names):
         elif any(item.length for item in element.properties):
             _skip_lists(path, file, element, BYTE_ORDERS[header.encoding])
         else:
-            _skip_bytes(path, file, element, element.count * _row_bytes(element))
+            _skip_bytes(path, file, element, element.number * _row_bytes(element))
     require_binary_end(path, file, header.rows)
     return points
 
@@ -192,12 +194,12 @@ def _row_bytes(element):
 def _skip_lists(path, file, element, order):
     """Leave out the rows of an element with lists, whose lengths stand before them."""
     steps = [_step(item, order) for item in element.properties]
-    for _ in range(element.count):
+    for _ in range(element.number):
         for length, size, at_least in steps:
             if length:
                 content = file.read(length.size)
                 if len(content) < length.size:
-                    raise cut_off(path, element.count, element.name)
+                    raise cut_off(path, element.number, element.name)
                 size *= (count := length.unpack(content)[0])
                 if count < at_least:
                     raise DataError(
@@ -219,5 +221,5 @@ def _step(item, order):
 
 def _skip_bytes(path, file, element, size):
     if not 0 <= size <= bytes_left(file):
-        raise cut_off(path, element.count, element.name)
+        raise cut_off(path, element.number, element.name)
     file.seek(size, os.SEEK_CUR)

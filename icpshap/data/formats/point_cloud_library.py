@@ -1,6 +1,7 @@
 """The Point Cloud Library's own format (Point Cloud Data), ASCII, binary or compressed."""
 
 import struct
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -48,12 +49,12 @@ class Header(NamedTuple):
     rows: Rows
 
 
-def read(path):
+def read(path: Path) -> np.ndarray:
     """Points (n, 3) [m] of the fields x, y and z. Raises DataError."""
     return _read(path, AXES)
 
 
-def read_timed(path, time):
+def read_timed(path: Path, time: str) -> np.ndarray:
     """The same with the field of the name ``time`` after them, (n, 4)."""
     return _read(path, (*AXES, time))
 

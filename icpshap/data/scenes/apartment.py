@@ -1,5 +1,7 @@
 """Four furnished rooms, 10 m x 8 m, with doors and windows."""
 
+from types import ModuleType
+
 import numpy as np
 
 from icpshap.data.scenes._parts import SENSOR_HEIGHT, box, cylinder, sphere, wall
@@ -31,7 +33,7 @@ def _shelf(open3d, low, high, height):
     return boards + [box(open3d, (*a, 0.0), (*b, height)) for a, b in sides]
 
 
-def build(open3d):
+def build(open3d: ModuleType) -> list:
     """The meshes."""
     height, door, window = 2.6, (0.0, 2.0), (0.9, 2.1)
     meshes = [

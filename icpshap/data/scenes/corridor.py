@@ -3,6 +3,8 @@
 Little holds the pose along it: the doors, and its ends.
 """
 
+from types import ModuleType
+
 import numpy as np
 
 from icpshap.data.scenes._parts import SENSOR_HEIGHT, box, cylinder, wall
@@ -13,7 +15,7 @@ DOOR, RECESS = (0.95, 2.05), 0.25  # m, width and height; depth
 PASSAGE = (20.0, 21.8)  # m along the corridor
 
 
-def build(open3d):
+def build(open3d: ModuleType) -> list:
     """The meshes."""
     sides = {0: 0.0, 1: WIDTH}
     openings = {

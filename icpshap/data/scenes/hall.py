@@ -1,5 +1,7 @@
 """A hall of 26 m x 18 m and 7 m height with pillars, crates and a gallery."""
 
+from types import ModuleType
+
 import numpy as np
 
 from icpshap.data.scenes._parts import SENSOR_HEIGHT, box, cylinder, wall
@@ -14,7 +16,7 @@ CRATES = (
 )  # fmt: skip
 
 
-def build(open3d):
+def build(open3d: ModuleType) -> list:
     """The meshes."""
     corners = [(0.0, 0.0), (LENGTH, 0.0), (LENGTH, WIDTH), (0.0, WIDTH)]
     gate = (10.0, 14.0, 0.0, 4.0)

@@ -1,5 +1,7 @@
 """Rolling ground with nine trees and six rocks."""
 
+from types import ModuleType
+
 import numpy as np
 
 from icpshap.data.scenes._parts import SENSOR_HEIGHT, cylinder, sphere
@@ -16,7 +18,7 @@ def _ground_height(x, y):
     return waves + 0.02 * edge**1.6
 
 
-def build(open3d):
+def build(open3d: ModuleType) -> list:
     """The meshes."""
     ticks = np.arange(-SIZE / 2, SIZE / 2 + 1)
     x, y = np.meshgrid(ticks, ticks, indexing="ij")

@@ -1,5 +1,7 @@
 """A shaft with three storeys of two flights each, with landings and railings."""
 
+from types import ModuleType
+
 import numpy as np
 
 from icpshap.data.scenes._parts import SENSOR_HEIGHT, box, wall
@@ -13,7 +15,7 @@ STAIR_WIDTH = 2 * FLIGHT_WIDTH + WELL
 STAIR_LENGTH = 2 * LANDING + FLIGHT_LENGTH
 
 
-def build(open3d):
+def build(open3d: ModuleType) -> list:
     """The meshes."""
     top = 2 * STOREYS * HALF_STOREY + 2.6
     far = LANDING + FLIGHT_LENGTH

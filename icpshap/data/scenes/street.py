@@ -1,10 +1,12 @@
 """A street of 80 m between houses, with parked cars, poles and trees."""
 
+from types import ModuleType
+
 import numpy as np
 
 from icpshap.data.scenes._parts import SENSOR_HEIGHT, box, cylinder, sphere
 
-HALF_LENGTH, HALF_WIDTH, KERB = 40.0, 8.0, 4.0  # m
+HALF_WIDTH, KERB = 8.0, 4.0  # m
 # From, to along the street, how far behind the building line, height [m].
 HOUSES = {
     -1: (
@@ -24,7 +26,7 @@ POLES = (-33.0, -15.5, -1.0, 13.0, 31.0)
 TREES = ((-28.0, 1), (-12.5, -1), (5.0, 1), (19.0, 1), (25.5, -1))
 
 
-def build(open3d):
+def build(open3d: ModuleType) -> list:
     """The meshes."""
     meshes = [box(open3d, (-45.0, -25.0, -0.2), (45.0, 25.0, 0.0))]
     for side, houses in HOUSES.items():

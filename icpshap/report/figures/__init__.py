@@ -1,7 +1,18 @@
 """Figures: tables in, matplotlib figures out."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from icpshap.report import captions
 from icpshap.report.figures import couples, directions, drive, pairs, shapley, style
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from icpshap.report.study import Study
+
 
 DRAWERS = {
     "summary": shapley.summary,
@@ -14,7 +25,9 @@ DRAWERS = {
 ONE_INSTANCE = ("waterfall", "drive")
 
 
-def draw(name, table, directions_table, study):
+def draw(
+    name: str, table: pd.DataFrame, directions_table: pd.DataFrame, study: Study
+) -> tuple[Figure, str]:
     """The named figure of a shap and a directions table, and its caption; study: `study.Study`.
 
     Dependence figures are those of the study's couples. Raises KeyError for another name.

@@ -1,7 +1,9 @@
 """How the causes act together: their Shapley interaction indices, couple by couple."""
 
+from __future__ import annotations
+
 from textwrap import fill
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -24,11 +26,24 @@ from icpshap.report.figures.style import (
 )
 from icpshap.report.study import contains_zero, judged
 
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.artist import Artist
+    from matplotlib.figure import Figure
+
+    from icpshap.report.study import Study
+
+
 MANY = 6  # causes, from which there is less room for each
 LETTERS_OF_ALL = 66  # below the columns, if these leave room for the causes' names and the scale
 COLOURS = matplotlib.colormaps["RdBu_r"]
 PLAIN = "#F2F2F2"
-RING = {"marker": "o", "markersize": 5, "markerfacecolor": "none", "markeredgewidth": 1}
+RING: dict[str, Any] = {
+    "marker": "o",
+    "markersize": 5,
+    "markerfacecolor": "none",
+    "markeredgewidth": 1,
+}
 
 
 class Cell(NamedTuple):
@@ -40,7 +55,7 @@ class Cell(NamedTuple):
     unsure: bool
 
 
-def interactions(table, study):
+def interactions(table: pd.DataFrame, study: Study) -> Figure:
     """A triangle of causes by causes: medians over the instances in which both are on.
 
     The diagonal holds the Shapley values of the causes themselves, which are no interactions and
@@ -66,7 +81,7 @@ def interactions(table, study):
     return figure
 
 
-def cells(table, study):
+def cells(table: pd.DataFrame, study: Study) -> list[Cell]:
     """The `Cell`s of the lower triangle with its diagonal, of the causes that are ever on."""
     shown = study.shown(table)
     found = []
@@ -107,7 +122,7 @@ def _draw(axes, cell, norm, shown):
         axes.plot(cell.column + 0.91, cell.row + 0.22, color=ink, **RING)
 
 
-def readable(colour):
+def readable(colour: Any) -> str:
     """Black or white, whichever stands out more from a colour (relative luminance of WCAG 2)."""
     white, ink, behind = (_luminance(c) + 0.05 for c in ("white", INK, colour))
     return "white" if white / behind > behind / ink else INK
@@ -123,7 +138,7 @@ def _colour_bar(axes, norm, study):
     scale = plt.cm.ScalarMappable(norm, COLOURS)
     bar = axes.figure.colorbar(scale, ax=axes, aspect=8 * len(axes.get_yticks()), pad=0.02)
     if isinstance(norm, SymLogNorm):
-        most = 10.0 ** np.floor(np.log10(norm.vmax))
+        most = 10.0 ** np.floor(np.log10(float(norm.vmax or 1.0)))
         bar.set_ticks([-most, -1, 0, 1, most], minor=False)
         bar.ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
     bar.set_label(f"interaction [{study.unit}]")
@@ -149,7 +164,7 @@ def _legend(table, study, norm, has_rings):
     """What diagonal, cells and rings mean; norm: the colour scale, None without couples."""
     median = "median " * (len(table) > 1)
     own = f"diagonal: {median}φ of the cause itself [{study.unit}]"
-    handles = [Patch(facecolor=PLAIN, edgecolor=MUTED, linewidth=1, label=own)]
+    handles: list[Artist] = [Patch(facecolor=PLAIN, edgecolor=MUTED, linewidth=1, label=own)]
     if norm:
         both = f"below: {median}interaction of the two causes [{study.unit}]"
         both += ",\ncolours logarithmic beyond 1" * isinstance(norm, SymLogNorm)

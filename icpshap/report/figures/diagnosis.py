@@ -1,5 +1,10 @@
 """Which causes stand out in which pairs of a sequence: a cell for each."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import TwoSlopeNorm
@@ -9,12 +14,17 @@ from icpshap.diagnosis.verdict import FOUND, UNDECIDED, UNKNOWN
 from icpshap.report import words
 from icpshap.report.figures.style import INK, PAGE, SMALL, rows_height, say_nothing
 
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+
 FAR = 6.0  # standard deviations, from which on a cell is darkest
 MANY = 40  # pairs, from which on cells have no text
 ROW = 0.3  # inch, of a pair
 
 
-def picture(table, titles):
+def picture(table: pd.DataFrame, titles: Mapping[str, str]) -> Figure:
     """The figure of a table `diagnosis`; titles: of its sequences, by key."""
     known = table[table.verdict != UNKNOWN]
     names = causes.shown()
@@ -62,7 +72,7 @@ def _mark(axes, place, column, row, name, with_text):
         axes.text(column, place, text, ha="center", va="center", fontsize=SMALL, color=colour)
 
 
-def caption(table):
+def caption(table: pd.DataFrame) -> str:
     """What the figure shows."""
     known = int((table.verdict != UNKNOWN).sum())
     unknown = len(table) - known

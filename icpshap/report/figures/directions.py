@@ -1,6 +1,9 @@
 """Which cause makes which direction uncertain: directions by causes."""
 
+from __future__ import annotations
+
 from textwrap import fill
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -12,6 +15,13 @@ from icpshap.report import captions, directions, words
 from icpshap.report.figures.couples import PLAIN, RING, readable
 from icpshap.report.figures.style import AROUND_ROWS, INK, PAGE, ROW, SMALL, TEXT, say_nothing
 
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from icpshap.report.study import Study
+
+
 COLOURS = matplotlib.colormaps["RdBu_r"]
 PALEST = 0.85  # of the colour scale's range, so that numbers stay readable
 MANY = 5  # causes, from which there is less room for each
@@ -20,7 +30,7 @@ REMAINS = "→ standard deviation, or root mean square error, without the cause 
 UNSURE = "most 95 % intervals contain 0: cannot be told from zero"
 
 
-def picture(table, study):
+def picture(table: pd.DataFrame, study: Study) -> Figure:
     """Variances of the directions, and what each cause adds; a directions table of one scope.
 
     Of several instances the medians. A cell is coloured by its part of all parts of its row; below
@@ -40,7 +50,9 @@ def picture(table, study):
     columns += ["in all", "deviation" if many else "standard\ndeviation"]
     places = np.append(np.arange(len(columns) - 1) + 0.5, len(columns) - 1 + LAST / 2)
     # The titles of many causes have no room beside one another.
-    slanted = {"rotation": 30, "ha": "left", "rotation_mode": "anchor"} if many else {}
+    slanted: dict[str, Any] = (
+        {"rotation": 30, "ha": "left", "rotation_mode": "anchor"} if many else {}
+    )
     axes.set_xticks(places - 0.2 * many, columns, **slanted)
     axes.xaxis.tick_top()
     names = [fill(f"{row.words} [{row.unit}²]", 16 if many else 22) for row in rows]

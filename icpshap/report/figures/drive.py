@@ -1,5 +1,9 @@
 """Along a drive: pose error, wrong basins, f and Shapley values over the source scans."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.lines import Line2D
@@ -17,6 +21,13 @@ from icpshap.report.figures.style import (
     symmetric_logarithmic,
 )
 
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.artist import Artist
+    from matplotlib.figure import Figure
+
+    from icpshap.report.study import Study
+
 PANEL, OF_CAUSES = 0.95, 1.5  # inch: of a panel, and of the last
 AROUND = 1.3  # inch, above and below all of them
 IN_DOUBT = "#FBE3C8"
@@ -24,11 +35,11 @@ MANY = 60  # pairs, from which dots are small
 NARROW = 0.018  # of the axis: ranks nearer to each other stand above one another
 LEAST_SHARE = 10  # per cent, that the axis of W goes up to
 BAND = 0.18  # opacity of intervals
-CHANCE = {"color": INK, "linewidth": 0.8, "linestyle": ":"}
-MISSING = {"linestyle": "", "color": MUTED, "markersize": 3.5, "marker": "x"}
+CHANCE: dict[str, Any] = {"color": INK, "linewidth": 0.8, "linestyle": ":"}
+MISSING: dict[str, Any] = {"linestyle": "", "color": MUTED, "markersize": 3.5, "marker": "x"}
 
 
-def drive(table, study):
+def drive(table: pd.DataFrame, study: Study) -> Figure:
     """A panel for each number, of a table with one row for each pair of one sequence."""
     table = table.sort_values(["source", "reference"], kind="stable").reset_index(drop=True)
     panels = _panels(table, study)
@@ -36,7 +47,7 @@ def drive(table, study):
     figure = plt.figure(figsize=(PAGE, AROUND + sum(heights)))
     if len(study.valued(table)) == 0:
         return say_nothing(figure, "No pair has a value.")
-    shared = {"sharex": True, "squeeze": False, "height_ratios": heights}
+    shared: dict[str, Any] = {"sharex": True, "squeeze": False, "height_ratios": heights}
     all_axes = figure.subplots(len(panels), **shared)[:, 0]
     ranks = in_doubt.ranking(table, study)
     for axes, (label, draw) in zip(all_axes, panels, strict=True):
@@ -140,7 +151,7 @@ def _mark_doubt(all_axes, table, ranks):
         for source in ranks.source:
             axes.axvspan(source - half, source + half, color=IN_DOUBT, linewidth=0, zorder=-3)
         axes.set_xlim(table.source.min() - 0.02 * width, table.source.max() + 0.02 * width)
-    last = []  # of each line of numbers the source at its right end
+    last: list[int] = []  # of each line of numbers the source at its right end
     for row in ranks.sort_values(["source", "rank"]).itertuples():
         free = [line for line, end in enumerate(last) if row.source - end > NARROW * width]
         line = free[0] if free else len(last)
@@ -168,8 +179,8 @@ def _missing(table):
 
 
 def _legend(table, study):
-    many = {"marker": "o", "markersize": 3.2, "linewidth": 0.8}
-    handles = [Line2D([], [], color=INK, label="with all causes", **many)]
+    many: dict[str, Any] = {"marker": "o", "markersize": 3.2, "linewidth": 0.8}
+    handles: list[Artist] = [Line2D([], [], color=INK, label="with all causes", **many)]
     if study.returns.samples:
         handles.insert(0, Line2D([], [], color=MUTED, label="clean", **many))
     handles += [Line2D([], [], color=c.colour, label=c.title, **many) for c in study.shown(table)]

@@ -1,8 +1,10 @@
 """Several estimators side by side: a row for each, a panel for each cause and for f."""
 
+from __future__ import annotations
+
 from math import ceil
 from textwrap import fill
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -20,6 +22,13 @@ from icpshap.report.figures.style import (
     symmetric_logarithmic,
 )
 from icpshap.report.study import contains_zero
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from icpshap.report.study import Study
+
 
 MOST_IN_A_ROW = 2  # panels
 ROW, AROUND = 0.3, 0.55  # inch: of an estimator, and of what is above and below all of them
@@ -40,7 +49,7 @@ class Panel(NamedTuple):
     rows: object
 
 
-def picture(table, study):
+def picture(table: pd.DataFrame, study: Study) -> Figure:
     """Shapley values and f of a `by_estimator` table, on axes that all panels share."""
     names = by_estimator.estimators(table)
     shown = study.shown(table)

@@ -1,6 +1,9 @@
 """Shapley values and f pair by pair, in strips below one another."""
 
+from __future__ import annotations
+
 from textwrap import fill
+from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -19,6 +22,13 @@ from icpshap.report.figures.style import (
 )
 from icpshap.report.study import contains_zero
 
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from icpshap.report.study import Study
+
+
 # Tables with at most this many rows name every pair; larger ones name the sequences.
 FEW = 8
 LETTERS = 18  # of an axis label that are as long as a strip is high
@@ -26,7 +36,7 @@ LETTERS_OF_ALL = 80  # below the strips
 AGAIN = "#CC79A7"
 
 
-def pairs(table, study):
+def pairs(table: pd.DataFrame, study: Study) -> Figure:
     """Shapley values and f of every instance, pair by pair and sequence by sequence."""
     table = table.reset_index(drop=True)
     strips = [

@@ -4,10 +4,13 @@ A picture for paper and report, and an interactive page. Both show the source mo
 and the pose errors xi of the clean and of one perturbed setting.
 """
 
+from __future__ import annotations
+
 import json
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from html import escape
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -22,6 +25,14 @@ from icpshap.explanation.sample import mark_wrong_basins
 from icpshap.report import words
 from icpshap.report.figures.style import FAINT, MUTED, PAGE, styled
 from icpshap.tables import INITIAL_XI, XI
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from icpshap.causes.cause import Cause
+    from icpshap.explanation.method import Method
+    from icpshap.report.study import Study
+
 
 REFERENCE, OVERLAPPING, ALONE, REMOVED = "#9A9A9A", "#0072B2", "#88CCEE", "#D55E00"
 INITIAL, CLEAN, PERTURBED = "#BBBBBB", "#0072B2", "#D55E00"
@@ -49,20 +60,28 @@ class Scene:
     kept_source: np.ndarray
     clean: pd.DataFrame
     perturbed: pd.DataFrame
-    values: dict
+    values: Mapping[str, float]
     no_poses: str
 
     @property
-    def removing(self):
+    def removing(self) -> list[type[Cause]]:
         """The causes that are on and remove points of either scan."""
         return [cause for cause in self.on(named(self.values)) if cause.hook() == "keep"]
 
-    def on(self, players):
+    def on(self, players: Iterable[type[Cause]]) -> list[type[Cause]]:
         """Those of the causes that are on."""
         return [c for c in players if self.values.get(c.name, c.off) != c.off]
 
 
-def make_scene(pair, kept_reference, kept_source, runs, values, method, length):
+def make_scene(
+    pair: Pair,
+    kept_reference: np.ndarray,
+    kept_source: np.ndarray,
+    runs: pd.DataFrame | None,
+    values: Mapping[str, float],
+    method: Method,
+    length: float,
+) -> Scene:
     """The `Scene` of a data.pair.Pair.
 
     kept_reference, kept_source: masks (n,), (m,) of the raw rows that the causes leave at `values`,
@@ -97,7 +116,7 @@ def _marked(runs, method, length):
 # --- captions -------------------------------------------------------------------------------------
 
 
-def caption(scene, study, row):
+def caption(scene: Scene, study: Study, row: Any) -> str:
     """What the picture shows; study: `study.Study`; row of a pairs table."""
     sentences = [
         f"{study.pair(row)}. Scans at the true pose, seen from above: {_scans(scene, study, row)}"
@@ -111,7 +130,7 @@ def caption(scene, study, row):
     return " ".join([*sentences, *_remarks(scene, row)])
 
 
-def page_caption(scene, study, row):
+def page_caption(scene: Scene, study: Study, row: Any) -> str:
     """What the page shows; study: `study.Study`; row of a pairs table."""
     sentences = [f"Scans at the true pose: {_scans(scene, study, row)}"]
     if not scene.no_poses:
@@ -156,11 +175,12 @@ def _remarks(scene, row):
 # --- the picture ----------------------------------------------------------------------------------
 
 
-def picture(scene):
+def picture(scene: Scene) -> Figure:
     """Scans from above, and pose errors in translation and rotation, as a Figure."""
     with styled():
         figure = plt.figure(figsize=(PAGE, 6.2))
-        above, below = figure.subfigures(2, height_ratios=(1.5, 1))
+        parts = figure.subfigures(2, height_ratios=(1.5, 1), squeeze=False)
+        above, below = parts[:, 0]
         _draw_scans(above, scene)
         if scene.no_poses:
             below.text(0.5, 0.5, scene.no_poses, ha="center", color=MUTED)
@@ -205,7 +225,7 @@ def _draw_scans(figure, scene):
         handle.set_sizes([12])
 
 
-def clouds(scene):
+def clouds(scene: Scene) -> dict[str, tuple[np.ndarray, str]]:
     """Name: (points (k, 3) [m] in the reference's frame, colour)."""
     reference = scene.pair.reference
     source = se3.transform(scene.pair.T_reference_source, scene.pair.source)
@@ -235,12 +255,14 @@ class Poses(NamedTuple):
     colour: str
 
     @classmethod
-    def of(cls, runs, columns, wrong, colour):
+    def of(
+        cls, runs: pd.DataFrame, columns: list[str], wrong: np.ndarray | pd.Series, colour: str
+    ) -> Poses:
         number, weight = runs["run"].to_numpy(), runs["weight"].to_numpy()
         return cls(runs[columns].to_numpy(), number, np.asarray(wrong), weight, colour)
 
 
-def poses(scene):
+def poses(scene: Scene) -> dict[str, Poses]:
     """The `Poses` of the scene by their names."""
     clean, perturbed = scene.clean, scene.perturbed
     nowhere = np.zeros(len(perturbed), dtype=bool)
@@ -314,7 +336,7 @@ def _ellipse(values, weight, colour):
 # --- the page -------------------------------------------------------------------------------------
 
 
-def thin(points, most):
+def thin(points: np.ndarray, most: int) -> np.ndarray:
     """Points (k, 3), one of each voxel, with voxels just large enough to leave at most `most`."""
     size = 0.02
     while len(points) > most:
@@ -363,7 +385,7 @@ details { order: 1; margin: .3rem 1rem .5rem; font-size: .9rem; max-height: 25vh
 """
 
 
-def page(scene, title, text):
+def page(scene: Scene, title: str, text: str) -> str:
     """A self-contained HTML page that turns: scans, translation errors and rotation errors.
 
     It fills the window, and its panels change places with the window's shape.
@@ -417,7 +439,7 @@ def _layout(places, panels):
     """Where the panels of a page lie, with their titles above them, as plotly's layout."""
     if len(panels) == 1:
         places = {"scene": ([0, 1], [0, 1])}
-    layout = {"annotations": []}
+    layout: dict[str, Any] = {"annotations": []}
     for panel in panels:
         x, y = places[panel]
         layout[f"{panel}.domain"] = {"x": x, "y": y}

@@ -1,6 +1,9 @@
 """The paper's figures of Shapley values: summary, waterfall and dependence plots."""
 
+from __future__ import annotations
+
 from textwrap import fill
+from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -25,6 +28,14 @@ from icpshap.report.figures.style import (
 )
 from icpshap.report.study import contains_zero, judged
 
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from icpshap.causes.cause import Cause
+    from icpshap.report.study import Study
+
+
 RASTER_ABOVE = 500
 MOST_STACKED = 0.36  # of a row of the summary, to either side of its middle
 BINS = 150  # of the summary's axis: dots of one lie beside each other
@@ -37,7 +48,7 @@ NO_VALUE = "No instance has a value."
 # --- summary --------------------------------------------------------------------------------------
 
 
-def summary(table, study):
+def summary(table: pd.DataFrame, study: Study) -> Figure:
     """Every Shapley value of every instance, by cause (paper, summary plot)."""
     kept, shown = study.valued(table), study.shown(table)
     figure = plt.figure(figsize=(PAGE, rows_height(max(1, len(shown)))))
@@ -112,7 +123,7 @@ def _counted(table, cause, study):
 # --- waterfall ------------------------------------------------------------------------------------
 
 
-def waterfall(table, study):
+def waterfall(table: pd.DataFrame, study: Study) -> Figure:
     """What the uncertainty of one instance (a table of one row) is made of.
 
     As shap's waterfall plot, whose bounds must enclose the value: a jackknife's need not.
@@ -205,7 +216,7 @@ def _mark_chance(axes, row):
 # --- dependence -----------------------------------------------------------------------------------
 
 
-def dependence(table, study, cause, other):
+def dependence(table: pd.DataFrame, study: Study, cause: Cause, other: Cause) -> Figure:
     """The Shapley value of a cause over its own value, coloured by the value of another.
 
     Each level has a lane of its own, in which the dots lie side by side by `other`: on an axis of

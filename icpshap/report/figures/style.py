@@ -1,6 +1,11 @@
 """How all figures look, and how they are saved: same inputs, same bytes."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 import matplotlib
 import numpy as np
@@ -8,6 +13,13 @@ from matplotlib.colors import ListedColormap
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from icpshap.report import words
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from icpshap.causes.cause import Cause
+
 
 # Width of every figure [inch]: that of a page of a two-column paper, and of the report.
 PAGE = 7.16
@@ -25,7 +37,7 @@ BAND = "#F5F5F5"  # behind every second row or lane
 # Dark to bright without the palest part, which is lost on white paper.
 LEVELS = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0, 0.9, 256)))
 
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": TEXT,
     "axes.labelsize": TEXT,
@@ -47,13 +59,13 @@ STYLE = {
 
 
 @contextmanager
-def styled():
+def styled() -> Iterator[None]:
     """The style of all figures."""
     with matplotlib.rc_context(STYLE):
         yield
 
 
-def save(figure, *paths):
+def save(figure: Figure, *paths: str | Path) -> None:
     """Save a figure under each path (.png or .svg), without date or version."""
     with styled():
         for path in paths:
@@ -61,7 +73,7 @@ def save(figure, *paths):
             figure.savefig(path, metadata=unset or {"Software": None})
 
 
-def settle(figure):
+def settle(figure: Figure) -> None:
     """Lay out a figure for good, at rounded places.
 
     The solver behind a layout with panels of different heights goes by addresses in memory, so that
@@ -74,17 +86,17 @@ def settle(figure):
         axes.set_position(place)
 
 
-def value_label(cause, unit):
+def value_label(cause: Cause | type[Cause], unit: str) -> str:
     """Axis label of a cause's Shapley value."""
     return f"φ {cause.title} [{unit}]"
 
 
-def rows_height(rows):
+def rows_height(rows: int) -> float:
     """Height [inch] of a figure with so many rows; each has the same height in any figure."""
     return AROUND_ROWS + ROW * rows
 
 
-def say_nothing(figure, message):
+def say_nothing(figure: Figure, message: str) -> Figure:
     """Turn a figure that has nothing to show into one that says why."""
     axes = figure.add_subplot()
     axes.set_axis_off()
@@ -92,14 +104,14 @@ def say_nothing(figure, message):
     return figure
 
 
-def mark_noise_floor(span, null_95):
+def mark_noise_floor(span: Callable, null_95: float) -> None:
     """Mark, with an axis' `span` function, what f is by chance alone, if it is anything."""
     if np.isfinite(null_95) and null_95 > 0:
         label = "noise floor: f by chance alone (95 %)"
         span(0, null_95, color=FAINT, zorder=-2, linewidth=0, label=label)
 
 
-def symmetric_logarithmic(axes, direction, linear=1.0):
+def symmetric_logarithmic(axes: Axes, direction: Literal["x", "y"], linear: float = 1.0) -> None:
     """Make the x or y axis linear up to a value and logarithmic beyond, for small and huge ones."""
     {"x": axes.set_xscale, "y": axes.set_yscale}[direction]("symlog", linthresh=linear)
     axes.autoscale(axis=direction)
@@ -111,14 +123,14 @@ def symmetric_logarithmic(axes, direction, linear=1.0):
     axis.set_major_formatter(FuncFormatter(power_of_ten))
 
 
-def power_of_ten(value, _):
+def power_of_ten(value: float, _: object) -> str:
     """A tick of a logarithmic axis as text."""
     if abs(value) <= 100:
         return f"{value:g}".replace("-", "−")
     return f"${'-' * int(value < 0)}10^{{{np.log10(abs(value)):.0f}}}$"
 
 
-def tame(axes, direction, values):
-    """Leave an axis linear unless values are so large that the others would vanish."""
+def tame(axes: Axes, direction: Literal["x", "y"], values: np.ndarray) -> None:
+    """Leave an axis linear unless values (...) are so large that the others would vanish."""
     if words.is_huge(values):
         symmetric_logarithmic(axes, direction)
