@@ -392,7 +392,7 @@ ROWS = {
     "pairs": "a pair, registered or not",
     "fit_numbers": "a pair: what the checks of how the settings fit the scans are made from",
     "diagnosis": "a pair: what is wrong with it, beside the other pairs of the sequence",
-    "instances": "a pair, with `instances: here`: the levels that are explained, and the pair that is run",
+    "instances": "a pair, with `instances: here`: the levels explained, and the pair that is run",
     "fit": "a check of a pair: the number, what is right, the change that mends it",
     "runs": "a pose sample: an ICP run",
     "estimates": "the covariance of a setting in one noise draw",
