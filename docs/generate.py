@@ -87,8 +87,8 @@ ESTIMATORS = f"""\
 Give a `kind`, or `based_on`, and the options that differ. Without either the kind is
 `{presets.DEFAULT_KIND}`. An option that is not given has its default, which is its value in
 `paper`. In the tables an empty cell means the default. [paper.md](paper.md) says what `paper`,
-`released_code` and `robust` are for, [own_scans.md](own_scans.md) what `lidar` is. An option of
-another kind is an error.
+`released_code` and `robust` are for, [own_scans.md](own_scans.md) what `lidar` is, and
+[estimators.md](estimators.md) what each kind computes. An option of another kind is an error.
 """
 
 SHARED = """\
@@ -214,8 +214,9 @@ def _returned(returns):
 
 def _seen(kind):
     if kind.sees is None:
-        return "It sees every cause."
-    return f"Of the causes it sees {', '.join(f'`{name}`' for name in kind.sees)}."
+        return "Every cause may be explained with it."
+    names = ", ".join(f"`{name}`" for name in kind.sees)
+    return f"These causes may be explained with it: {names}."
 
 
 def _options_table(owners, kind):
