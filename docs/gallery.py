@@ -27,16 +27,18 @@ HEAD = """\
 
 <!-- Made by `python -m docs.gallery`; do not edit. -->
 
-Six pairs of scans, what came out of each, and what it teaches. All are simulated, so that the true
-pose is known and `python -m docs.gallery` makes this page again, figures and numbers, anywhere. φ
-is a cause's Shapley value of f [nats], in brackets its 95 % interval.
+Six pairs of scans, what came out of each, and what it teaches. All are simulated. So the true pose
+is known, and `python -m docs.gallery` makes this page again anywhere, figures and numbers. φ is a
+cause's Shapley value of f [nats], in brackets its 95 % interval; what they are: [the
+method](method.md). σ is sensor noise, s the scale of the initial pose, λ partial overlap.
 """
 
 
 class Case(NamedTuple):
-    """A title, the function that works it out, and what it teaches."""
+    """A title, the scans and the question, the function that works it out, what it teaches."""
 
     title: str
+    scans: str
     made: Callable  # returns sentences and a figure of matplotlib
     teaches: str
 
@@ -181,39 +183,54 @@ def estimators():
 CASES = {
     "papers_pair": Case(
         "The paper's pair",
+        "Two scans of an apartment by a tilting scanner, registered and perturbed as in the "
+        "paper: σ 0.05 m, s 1.5, λ 0.05, with a quarter of the points in each run.",
         papers_pair,
-        "Read what is said first: with the paper's loose stop one clean run in eight ends before "
-        "it arrives, and f counts in units of where the iteration stops. Then an interval before a "
-        "rank: a cause whose interval holds zero cannot be told from no cause at all.",
+        "Read the first sentence first. Here it says that with the paper's loose stop one clean "
+        "run in eight ends before it arrives; f then counts in units of where the iteration "
+        "stops. Read an interval before a rank: a cause whose interval holds zero cannot be told "
+        "from no cause.",
     ),
     "spinning_pair": Case(
         "A spinning pair with small_gicp",
+        "Two scans of the apartment by a spinning scanner of 16 rings. What is explained is "
+        "small_gicp, at σ 0.02 m, s 1.5 and λ 0.05.",
         spinning_pair,
-        "Any registration can be explained, by a function of two clouds and a start. Look first at "
-        "how many runs succeed.",
+        "Any registration can be explained that is a function of two clouds and a start. Look "
+        "first at how many runs succeed.",
     ),
     "two_basins": Case(
         "Two basins",
+        "A bare corridor. The reference shows two doors 0.6 m apart, the source only one of them, "
+        "so a run can end with that door on the wrong one. σ is 0.02 m, s 6 and λ 0.05.",
         two_basins,
-        "A covariance describes one basin. How often runs leave it is another question, and has "
-        "Shapley values of its own.",
+        "A covariance describes one basin. How often runs end elsewhere is another question, and "
+        "has Shapley values of its own.",
     ),
     "corridor": Case(
         "A corridor",
+        "Two scans of a corridor by a spinning scanner of 32 rings, at σ 0.02 m and s 1.5. The "
+        "third cause removes the points that hold the weakest direction, until 0.9 of its "
+        "information is gone.",
         corridor,
-        "Uncertainty has a direction. The causes share it out differently along each axis.",
+        "Uncertainty has a direction. The shares of the causes differ from axis to axis.",
     ),
     "noisy_scanner": Case(
         "A noisy scanner",
+        "Two scans of the apartment by a spinning scanner of 32 rings, with 4 cm of noise added "
+        "to both. The same scans without that noise, and a third one, are the healthy pairs.",
         noisy_scanner,
-        "A diagnosis says what is wrong with these scans, an explanation what would hurt if it got "
-        "worse, and `what_if` which change of the settings helps.",
+        "A diagnosis says what is wrong with these scans. An explanation says what would hurt if "
+        "it got worse. `what_if` says which change of the settings helps.",
     ),
     "estimators": Case(
         "One pair, four estimators",
+        "Two scans of a hall by a spinning scanner of 32 rings, at σ 0.02 m, s 1.5 and λ 0.05, "
+        "explained by four estimators.",
         estimators,
-        "f is in units of each estimator's own clean spread: compare ranks and signs, not heights. "
-        "One that is told the noise sees nothing of how ICP begins.",
+        "f is in units of each estimator's own clean spread: compare ranks and signs, not "
+        "heights. An estimator that starts at the true pose, such as a closed form, cannot see "
+        "the initial pose.",
     ),
 }
 
@@ -230,6 +247,7 @@ def write(folder, names=tuple(CASES)):
         code = f"[`{case.made.__name__}`](gallery.py)"
         parts += [
             f"## {case.title}\n",
+            f"{case.scans}\n",
             f"![{case.title}]({FIGURES}/{name}.png)\n",
             *(f"{sentence}\n" for sentence in sentences),
             f"*What it teaches.* {case.teaches} Code: {code}.\n",

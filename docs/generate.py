@@ -40,8 +40,8 @@ CONFIGURATION = f"""\
 
 {NOTE}
 
-`config.yaml` is the paper's experiment, with a comment above each key. Change it there, or lay
-something over it:
+`config.yaml` is the paper's experiment, with a comment on each key. Change it there, or lay your
+own values over it:
 
 ```bash
 snakemake -j2 --config 'sequences=[stairs]' seed=7
@@ -49,13 +49,13 @@ snakemake -j2 --config 'estimators={{paper: {{runs: 200}}}}'
 snakemake -j2 --configfile config/demo.yaml
 ```
 
-Mappings are merged, lists are replaced. Everything is checked before anything runs, and all errors
-are reported at once. Top-level keys that you do not give keep their value in `config.yaml`; within
-an entry of your own, keys are required unless they say otherwise. Every option of an estimator has
-a default.
+- Mappings are merged, lists are replaced.
+- Everything is checked before anything runs, and all errors are reported at once.
+- Top-level keys that you do not give keep their value in `config.yaml`. Within an entry of your
+  own, keys are required unless they say otherwise. Every option of an estimator has a default.
 
-An editor that knows JSON schemas completes and checks the keys where the first line of a file names
-the schema, by a path relative to the file. That of `config.yaml` is
+An editor that knows JSON schemas can complete and check the keys. For that, the first line of the
+file names the schema, by a path relative to the file. In `config.yaml` it is
 `# yaml-language-server: $schema=icpshap/config.schema.json`.
 """
 
@@ -65,52 +65,54 @@ NOTES = {
     ),
     "data.<sequence>.archive": "`url`, or `path`; where both are given, `path` is used.",
     "experiments.<name>": (
-        "Keys that are not optional may also come from `based_on`. An experiment has `estimator`, "
-        "or `estimators: [a, b]`, of which each makes an experiment, `<name>_a` and `<name>_b`, "
-        "with a folder of its own; `run: [<name>]` selects them all. Beside them lie "
-        "`results/<name>/figures/by_estimator.png` and `results/<name>/tables/by_estimator.md`: f "
-        "and the Shapley values, a row for each estimator. All must have the same `divergence` and "
+        "Keys that are not optional may also come from `based_on`. An experiment has either "
+        "`estimator`, or `estimators: [a, b]`. Each of several makes an experiment with a folder "
+        "of its own, `<name>_a` and `<name>_b`; `run: [<name>]` selects them all. f and the "
+        "Shapley values of all, a row for each, are in `results/<name>/figures/by_estimator.png` "
+        "and `results/<name>/tables/by_estimator.md`. All must have the same `divergence` and "
         "perturb alike (`sensor`, `overlap_shape`), or their values would not be of one quantity. "
-        "Either key replaces both of the experiment that this one is `based_on`."
+        "Either key replaces both keys of the experiment that this one is `based_on`."
     ),
     "experiments.<name>.instances": (
-        "Exactly one of the three. It names 1 to 7 [causes](#causes), each once: they are the "
-        "players. **Not named is off.** `waterfall` names the same ones.\n\n"
-        "`instances: here` has the causes that scans show as players, at the levels that the "
-        "[diagnosis](diagnosis.md#explain-here) finds in each pair; `instances: {here: "
-        "{initial_pose: 4}}` tells the scale of the initial pose besides."
+        "Exactly one of the three. It names the 1 to 7 [causes](#causes) among which f is "
+        "divided, each once. **Causes that are not named are off.** `waterfall` names the same "
+        "ones.\n\n"
+        "`instances: here` takes the causes that scans show, at the levels that the "
+        "[diagnosis](diagnosis.md#explain-here) finds in each pair. `instances: {here: "
+        "{initial_pose: 4}}` adds the initial pose, at a scale that you give."
     ),
 }
 
 ESTIMATORS = f"""\
-Give a `kind`, or `based_on`, and what differs. Without either the kind is
+Give a `kind`, or `based_on`, and the options that differ. Without either the kind is
 `{presets.DEFAULT_KIND}`. An option that is not given has its default, which is its value in
-`paper`; an empty cell is the default. What the three estimators are for: [paper.md](paper.md). An
-option of another kind is an error.
+`paper`. In the tables an empty cell means the default. [paper.md](paper.md) says what `paper`,
+`released_code` and `robust` are for, [own_scans.md](own_scans.md) what `lidar` is, and
+[estimators.md](estimators.md) what each kind computes. An option of another kind is an error.
 """
 
 SHARED = """\
 ### Options of every kind
 
-How the pair is perturbed and filtered, what a cause can do otherwise, and how the estimates are
-read.
+These say how the pair is perturbed and filtered, which variant of a cause acts, and how f is
+computed from the estimates.
 """
 
 CAUSES = """\
 ## Causes
 
-What `grid` and `fixed` of an experiment may name. A level must lie in the range. *off* is the
+`grid` and `fixed` of an experiment may name these. A level must lie in the range. *off* is the
 reference value, at which a cause changes nothing (but for `overlap_removal: noisy`, which acts
-there too). How each acts: [causes.md](causes.md). How to add one:
-[extending.md](extending.md#a-cause).
+there too). [causes.md](causes.md) says how each acts, [extending.md](extending.md#a-cause) how to
+add one.
 """
 
 SENSORS_PART = """\
 ### `sensor`
 
-With a scanner named, the noise of a point at the range r has the standard deviation *published*
-times the level, so that 1 is as published; the level then has no unit. Mind what the source says:
-an *accuracy* is no standard deviation, and is taken as one for want of better.
+If a scanner is named, the noise of a point at the range r has the *published* standard deviation
+times the level. The level then has no unit, and 1 is as published. Mind what the source says: an
+*accuracy* is not a standard deviation, and is taken as one for want of better.
 """
 
 LEVELS = """\
@@ -212,8 +214,9 @@ def _returned(returns):
 
 def _seen(kind):
     if kind.sees is None:
-        return "It sees every cause."
-    return f"Of the causes it sees {', '.join(f'`{name}`' for name in kind.sees)}."
+        return "Every cause may be explained with it."
+    names = ", ".join(f"`{name}`" for name in kind.sees)
+    return f"These causes may be explained with it: {names}."
 
 
 def _options_table(owners, kind):
@@ -339,8 +342,12 @@ TABLES_PAGE = f"""\
 
 {NOTE}
 
-Parquet files, for pandas, R, DuckDB and others. Each column's unit and description are in the file
-too, beside the plan that made it (configuration, seed, digests of code and data) and its causes:
+Most readers need [`shap`](#shap) (Shapley values), [`uncertainty`](#uncertainty) (f and pose errors
+of each setting), [`directions`](#directions) and [`covariances`](#covariances).
+
+The tables are Parquet files, for pandas, R, DuckDB and others. A file also holds each column's unit
+and description, the plan that made it (configuration, seed, digests of code and data) and its
+causes:
 
 ```python
 import pandas
@@ -352,17 +359,16 @@ schema = pyarrow.parquet.read_schema(path)
 schema.field("phi_sensor_noise").metadata, schema.metadata[b"icpshap"]
 ```
 
-Some columns follow from the causes that the experiment names: a value of each, and in `shap` and
-`resampled` what each contributes. This page has the paper's three as the example. With other causes
-the columns have their names; a single cause has no interactions.
-
-With [`instances: here`](diagnosis.md#explain-here) the rows of `runs`, `estimates`, `uncertainty`,
-`shap`, `directions`, `covariances` and `resampled` are named by the pair that is explained, and
-`played_reference` and `played_source` at their end say which pair was run.
-
-The unit *f* is that of the estimator's `divergence`: nats, or m and rad for `translation_rmse` and
-`rotation_rmse`. Poses and pose errors have the rotation first: xi = [rotation; translation]. What
-intervals, noise floor and warnings mean: [uncertainty.md](uncertainty.md).
+- *Causes*: some columns depend on the causes that the experiment names: a level of each, and in
+  `shap` and `resampled` what each contributes. This page shows those of the paper's three causes.
+  With other causes the columns have their names. A single cause has no interactions.
+- *Units*: the unit *f* is that of the estimator's `divergence`: nats, or m and rad for
+  `translation_rmse` and `rotation_rmse`. Poses and pose errors have the rotation first: xi =
+  [rotation; translation].
+- *Intervals, noise floor and warnings*: [uncertainty.md](uncertainty.md) says what they mean.
+- *`instances: here`*: [then](diagnosis.md#explain-here) the rows of `runs`, `estimates`,
+  `uncertainty`, `shap`, `directions`, `covariances` and `resampled` have the indices of the pair
+  that is explained. `played_reference` and `played_source` at their end say which pair was run.
 """
 
 PLACES = {
@@ -387,7 +393,7 @@ ROWS = {
     "pairs": "a pair, registered or not",
     "fit_numbers": "a pair: what the checks of how the settings fit the scans are made from",
     "diagnosis": "a pair: what is wrong with it, beside the other pairs of the sequence",
-    "instances": "a pair of an experiment with `instances: here`: what is played of it, and where",
+    "instances": "a pair, with `instances: here`: the levels explained, and the pair that is run",
     "fit": "a check of a pair: the number, what is right, the change that mends it",
     "runs": "a pose sample: an ICP run",
     "estimates": "the covariance of a setting in one noise draw",
@@ -402,9 +408,9 @@ NOTES_OF_TABLES = {
     "runs": "For estimators that return pose samples. A job holds one pair or several.",
     "estimates": "For estimators that return covariances. A job holds one pair or several.",
     "covariances": (
-        "S of the runs that the setting's `f` in `uncertainty` is read off, without the floor; of "
-        "estimators that return covariances, the mean of these over the noise draws. For SLAM: "
-        "`icpshap export`, [export.md](export.md)."
+        "The covariance of the runs from which the setting's `f` in `uncertainty` is computed, "
+        "without the floor. For estimators that return covariances, it is their mean over the "
+        "noise draws. `icpshap export` writes it [for SLAM](export.md)."
     ),
     "descriptors": (
         "For experiments that an estimator of the kind `learned` names in `training`. Cells are "
