@@ -8,7 +8,7 @@ intervals err on the wide side.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -94,7 +94,9 @@ def kept_rows(values: np.ndarray, rule: str) -> np.ndarray:
     return kept & inside.all(axis=-1)
 
 
-def quantiles(values: np.ndarray, kept: np.ndarray, probabilities: Sequence[float]) -> np.ndarray:
+def quantiles(
+    values: np.ndarray, kept: np.ndarray, probabilities: Iterable[float | np.ndarray]
+) -> np.ndarray:
     """Linear quantiles over the kept rows (..., n) of values (..., n, M): (p, ..., M)."""
     ordered = np.sort(np.where(kept[..., None], values, np.nan), axis=-2)
     count = kept.sum(axis=-1)[..., None, None]
