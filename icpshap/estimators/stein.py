@@ -1,6 +1,6 @@
 """Stein ICP: particles that repel one another follow a posterior of the pose.
 
-Maken, Ramos, Ott, "Stein ICP for Uncertainty Estimation in Point Cloud Matching", RA-L 2021, as
+Maken, Ramos, Ott, "Stein ICP for Uncertainty Estimation in Point Cloud Matching", RA-L 2022, as
 released, but for one thing: the width of the kernel is not differentiated (the released gradient
 runs through a median into one arbitrary particle, and cannot be reproduced).
 """
