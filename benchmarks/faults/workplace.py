@@ -48,7 +48,7 @@ class Workplace:
     def copy(self, folder):
         """The same elsewhere, with all dates."""
         shutil.copytree(self.folder, folder, symlinks=True)
-        return Workplace(folder, self.code)
+        return type(self)(folder, self.code)
 
     def configure(self, config):
         text = yaml.safe_dump(config, sort_keys=False)
