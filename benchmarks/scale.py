@@ -3,10 +3,10 @@
     python -m benchmarks.scale [plan] [cost] [--quick]
 
 plan: dry runs of the paper's configuration and of simulated sequences up to 100,000 pairs, each in
-a process of its own and an empty folder: jobs, CPU seconds, peak memory. cost: CPU
-seconds of a pair's registrations against points, causes, runs and kinds of estimators, one of them
-changed at a time from a pair of the paper's experiment; simulated scans, one core; and from these
-the share of the paper's work that jobs cost before they compute anything.
+a process of its own and an empty folder: jobs, CPU seconds, peak memory; and how long the jobs of
+the paper work. cost: CPU seconds of a pair's registrations against points, causes, runs and kinds
+of estimators, one of them changed at a time from a pair of the paper's experiment; simulated scans,
+one core; and from these the share of the paper's work that jobs cost before they compute anything.
 
 Prints tables, writes docs/figures/scale.svg where planning is asked for, and ends with a line of
 JSON. Takes 10 minutes of CPU time; `--quick` makes everything small.
@@ -25,6 +25,7 @@ from pathlib import Path
 import yaml
 from tabulate import tabulate
 
+from benchmarks import planned_work
 from benchmarks.icp import REPOSITORY, Clock, simulated_pair
 from icpshap import causes, estimators, plan
 from icpshap.data.pair import Pair
@@ -211,6 +212,8 @@ def main():
     if "plan" in parts:
         planned_rows = plans(options.quick)
         print(tabulate(planned_rows, headers="keys", tablefmt="github", floatfmt=".1f"))
+        by_rule = planned_work.by_rule(planned_work.paper())
+        print(tabulate(by_rule, headers="keys", tablefmt="github", floatfmt=".1f"))
         paper, kitti = planned_rows[0], planned_rows[2]
         found |= {"paper_jobs": paper["jobs"], "kitti_jobs": kitti["jobs"]}
         found |= {"kitti_plan_seconds": kitti["seconds"], "kitti_plan_mb": kitti["MB"]}

@@ -2,8 +2,8 @@
 
     python -m benchmarks.slurm [--keep FOLDER]
 
-As root, after apt-get install slurm-wlm munge and pip install snakemake-executor-plugin-slurm of the
-version that profiles/slurm names; some 15 minutes. Starts a cluster of one node with two cores,
+As root, after apt-get install slurm-wlm munge, and pip install snakemake-executor-plugin-slurm of
+the version that profiles/slurm names; some 15 minutes. Starts a cluster of one node with two cores,
 without systemd; runs tests/tiny.yaml through it and compares every parquet file with those of -j2;
 then the cases of `cases.py`; then simulates the paper and a drive on more cores with the measured
 costs. Prints tables and ends with a line of JSON; the exit code is 0 if all bytes were equal.
@@ -23,7 +23,7 @@ from tabulate import tabulate
 from benchmarks import planned_work, scale
 from benchmarks.faults.workplace import TINY, Workplace
 from benchmarks.slurm import cases, meter
-from benchmarks.slurm.cluster import CPUS, Cluster
+from benchmarks.slurm.cluster import Cluster
 from benchmarks.slurm.simulation import Measured, simulated
 from benchmarks.slurm.workplace import PROFILE, SlurmWorkplace
 from icpshap.errors import UserError
@@ -32,8 +32,11 @@ CORES = (2, 100, 500)
 RUNS_PER_JOB = (16_000, 4_000, 1_000)
 
 
-def compared(cluster, folder):
-    """The tiny workflow by -j2 and through Slurm: whether bytes are equal, costs of jobs, seconds."""
+def compared(folder):
+    """The tiny workflow by -j2 and through Slurm.
+
+    Whether bytes are equal, meter.JobCost's, seconds through Slurm, number of files.
+    """
     config = yaml.safe_load(TINY.read_text(encoding="utf-8"))
     alone = Workplace.new(folder / "alone", config)
     code, said = alone.run()
@@ -86,11 +89,13 @@ def main():
         folder = arguments.keep or Path(folder)
         folder.mkdir(exist_ok=True)
         with Cluster() as cluster:
-            equal, costs, seconds, files = compared(cluster, folder)
+            equal, costs, seconds, files = compared(folder)
             print(
                 f"{len(costs)} jobs, {files} parquet files, equal bytes: {equal}, {seconds:.0f} s"
             )
             print(tabulate(meter.by_rule(costs), headers="keys", tablefmt="github", floatfmt=".1f"))
+            of_plans = simulations(measured(costs))
+            print(tabulate(of_plans, headers="keys", tablefmt="github", floatfmt=".2f"))
             results = []
             for result in cases.all_tried(cluster, folder):
                 print(result, flush=True)
@@ -100,8 +105,6 @@ def main():
             results.append(result)
     rows = [{**result._asdict(), "equal": "yes" if result.equal else "NO"} for result in results]
     print(tabulate(rows, headers="keys", tablefmt="github", floatfmt=".0f"))
-    rows = simulations(measured(costs))
-    print(tabulate(rows, headers="keys", tablefmt="github", floatfmt=".2f"))
     found = {
         "bytes_equal": equal,
         "cases": len(results),
@@ -109,7 +112,7 @@ def main():
         "overhead_seconds": median(cost.overhead for cost in costs),
         "overhead_cpu_seconds": median(cost.cpu_overhead for cost in costs),
     }
-    found |= {f"paper_share_{row['cores']}": row["share"] for row in rows[: len(CORES)]}
+    found |= {f"paper_share_{row['cores']}": row["share"] for row in of_plans[: len(CORES)]}
     print(json.dumps({key: round(value, 3) for key, value in found.items()}), flush=True)
     return not (equal and found["cases_equal"] == len(results))
 
