@@ -9,8 +9,9 @@ import pytest
 from conftest import REPOSITORY
 
 from benchmarks.planned_work import Task
-from benchmarks.slurm import cluster
+from benchmarks.slurm import cluster, workplace
 from benchmarks.slurm.simulation import Measured, simulated
+from icpshap.errors import UserError
 
 SECONDS = 3600
 
@@ -31,6 +32,29 @@ def test_slurm_makes_the_same_bytes_and_every_case_is_got_over():
     assert done.returncode == 0, done.stdout + done.stderr
     found = json.loads(done.stdout.splitlines()[-1])
     assert found["bytes_equal"] and found["cases_equal"] == found["cases"] > 0
+
+
+def test_a_configuration_of_slurm_that_is_not_ours_is_left_alone(tmp_path, monkeypatch):
+    theirs = tmp_path / "slurm.conf"
+    theirs.write_text("ClusterName=theirs\n")
+    monkeypatch.setattr(cluster, "CONFIGURATION", theirs)
+    monkeypatch.setattr(cluster, "missing", lambda: "")
+    with pytest.raises(UserError, match=f"{theirs}: .* not ours"), cluster.Cluster():
+        pass
+    assert theirs.read_text() == "ClusterName=theirs\n"
+
+
+def test_what_squeue_says_is_read(monkeypatch):
+    said = (
+        "7|RUNNING|2026-01-02T03:04:05|2026-01-02T03:04:15|N/A|20:00|rule_run_icp_wildcards_a_b_0\n"
+        "8|PENDING|2026-01-02T03:04:05|N/A|N/A|1-01:10:00|rule_explain_sequence_wildcards_a_b"
+    )
+    monkeypatch.setattr(workplace, "asked", lambda *_: said)
+    running, waiting = workplace.slurm_jobs()
+    assert (running.number, running.state, running.rule) == ("7", "RUNNING", "run_icp")
+    assert running.started - running.submitted == 10 and running.ended is None
+    assert (waiting.rule, waiting.started) == ("explain_sequence", None)
+    assert [job.minutes for job in (running, waiting)] == [20, 25 * 60 + 10]
 
 
 class TestListScheduling:

@@ -31,6 +31,7 @@ class Workplace:
     """A working directory with a configuration; the code is the repository's or a copy of it."""
 
     tables = TABLES
+    seconds = SECONDS
 
     def __init__(self, folder, code=REPOSITORY):
         self.folder = Path(folder)
@@ -85,7 +86,7 @@ class Workplace:
         """(exit code or None where it hung, all that it said)."""
         process = self.start(*arguments, **variables)
         try:
-            said, _ = process.communicate(timeout=SECONDS)
+            said, _ = process.communicate(timeout=self.seconds)
         except subprocess.TimeoutExpired:
             self.end_all()
             return None, process.communicate()[0]

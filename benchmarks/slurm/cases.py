@@ -108,16 +108,10 @@ def hangs_beyond_its_limit(run):
     """The limit of the job becomes a minute; of the next attempt it is twice that of the rule."""
     number, process = run.registering()
     os.kill(process, signal.SIGSTOP)
-    (limit,) = (_minutes(job) for job in run.jobs() if job.number == number)
+    (limit,) = (job.minutes for job in run.jobs() if job.number == number)
     asked("scontrol", "update", f"JobId={number}", "TimeLimit=1")
     run.until_ended_as(number, "TIMEOUT")
-    run.until(lambda: any(_minutes(job) == 2 * limit for job in run.jobs()))
-
-
-def _minutes(job):
-    """The limit of a job."""
-    *hours, minutes, _ = map(int, job.limit.split(":"))
-    return 60 * sum(hours) + minutes
+    run.until(lambda: any(job.minutes == 2 * limit for job in run.jobs()))
 
 
 def node_down_and_back(run):

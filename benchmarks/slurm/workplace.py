@@ -22,7 +22,7 @@ class SlurmJob(NamedTuple):
     submitted: float
     started: float | None
     ended: float | None
-    limit: str  # [hours:]minutes:seconds
+    minutes: int  # its limit
     rule: str
 
 
@@ -35,7 +35,14 @@ def slurm_jobs():
 def _slurm_job(number, state, submitted, started, ended, limit, comment):
     rule = re.match(r"rule_(\w+?)(_wildcards_|$)", comment)
     times = map(_seconds, (submitted, started, ended))
-    return SlurmJob(number, state, *times, limit, rule[1] if rule else comment)
+    return SlurmJob(number, state, *times, _minutes(limit), rule[1] if rule else comment)
+
+
+def _minutes(limit):
+    """Of [[days-]hours:]minutes:seconds."""
+    days, _, times = limit.rpartition("-")
+    *hours, minutes, _ = map(int, times.split(":"))
+    return 1440 * int(days or 0) + 60 * sum(hours) + minutes
 
 
 def _seconds(time):
@@ -47,6 +54,8 @@ def _seconds(time):
 
 class SlurmWorkplace(Workplace):
     """The same as a Workplace, whose runs go through Slurm by profiles/slurm."""
+
+    seconds = 1800  # of a run: each job waits to be noticed
 
     def command(self, *arguments):
         snakefile = str(self.code / "Snakefile")
