@@ -135,7 +135,7 @@ def run_is_stopped(run):
 
 
 def run_is_killed(run):
-    """The jobs run on, and the same command begins while they do."""
+    """The jobs run on; how far they are when the same command begins, the machine decides."""
     run.registering()
     run.process.kill()
     run.process.wait()
