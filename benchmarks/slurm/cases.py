@@ -155,7 +155,7 @@ CASES = (
     Case(
         f"the queue takes {QUEUE} job, and refuses others",
         nothing,
-        options={"MaxJobCount": QUEUE, "MinJobAge": ENDED_LONG_AGO},
+        options={"MaxJobCount": QUEUE + 1, "MinJobAge": ENDED_LONG_AGO},
     ),
 )
 
