@@ -31,6 +31,7 @@ class Workplace:
     """A working directory with a configuration; the code is the repository's or a copy of it."""
 
     tables = TABLES
+    seconds = SECONDS
 
     def __init__(self, folder, code=REPOSITORY):
         self.folder = Path(folder)
@@ -48,7 +49,7 @@ class Workplace:
     def copy(self, folder):
         """The same elsewhere, with all dates."""
         shutil.copytree(self.folder, folder, symlinks=True)
-        return Workplace(folder, self.code)
+        return type(self)(folder, self.code)
 
     def configure(self, config):
         text = yaml.safe_dump(config, sort_keys=False)
@@ -85,7 +86,7 @@ class Workplace:
         """(exit code or None where it hung, all that it said)."""
         process = self.start(*arguments, **variables)
         try:
-            said, _ = process.communicate(timeout=SECONDS)
+            said, _ = process.communicate(timeout=self.seconds)
         except subprocess.TimeoutExpired:
             self.end_all()
             return None, process.communicate()[0]

@@ -77,6 +77,7 @@ rule read_scans:
     threads: 1
     resources:
         mem_mb=memory_of_files,
+        runtime=time_of_files,
     params:
         plan=plan_of_scans,
         indices=lambda wildcards: list(indices_of_scans(wildcards)),
@@ -127,6 +128,7 @@ rule register_pairs:
     threads: 1
     resources:
         mem_mb=memory_of_scans(1050, 450),
+        runtime=time_of_scans(pairs_of_registrations, 20),
     params:
         scans=lambda wildcards: sequence_of(wildcards).scans,
         plan=lambda wildcards: PLANS.registrations(wildcards.sequence, int(wildcards.batch)),
@@ -169,7 +171,8 @@ rule simulate_scans:
     priority: 20
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=growing(1000),
+        runtime=growing(time_limits.FEWEST),
     params:
         plan=plan_of_scans,
     script:

@@ -21,6 +21,7 @@ rule diagnose_sequence:
     threads: 1
     resources:
         mem_mb=memory_of_scans(500, 900),
+        runtime=time_of_scans(pairs_of, 30),
     params:
         plan=plan_of_diagnosis,
     script:
@@ -44,6 +45,7 @@ rule find_instances:
     threads: 1
     resources:
         mem_mb=memory_of_scans(300, 250),
+        runtime=time_of_scans(pairs_of, 15),
     params:
         plan=plan_of_instances,
     script:

@@ -23,7 +23,8 @@ rule explain_sequence:
         "logs/explain_sequence/{experiment}/{sequence}.tsv"
     threads: 1
     resources:
-        mem_mb=2000,
+        mem_mb=growing(2000),
+        runtime=time_of_explanation,
     params:
         plan=lambda wildcards: PLANS.explanation(wildcards.experiment, wildcards.sequence),
         jobs=lambda wildcards: PLANS.job_digests(wildcards.experiment, wildcards.sequence),

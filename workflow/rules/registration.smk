@@ -26,6 +26,7 @@ rule check_pairs:
     threads: 1
     resources:
         mem_mb=memory_of_scans(400, 400),
+        runtime=time_of_scans(pairs_of_batch, 15),
     params:
         plan=plan_of_checks,
         stop_at_red=CONFIG.stop_at_red,
@@ -53,6 +54,7 @@ rule run_icp:
     threads: 1
     resources:
         mem_mb=memory_of_scans(1050, 450),
+        runtime=time_of_registrations,
     params:
         plan=plan_of_job,
     script:

@@ -23,6 +23,7 @@ rule train_estimator:
     threads: 1
     resources:
         mem_mb=memory_of_scans(2000, 450),
+        runtime=time_of_training,
     params:
         plan=lambda wildcards: PLANS.descriptors(wildcards.experiment, wildcards.sequence),
         jobs=lambda wildcards: PLANS.job_digests(wildcards.experiment, wildcards.sequence),
