@@ -256,8 +256,8 @@ class TestWhatRunsAgain:
     def test_editing_a_figure_plans_figures_alone(self, edited):
         change(
             edited.code / "icpshap/report/figures/style.py",
-            "import ",
-            "import json  # noqa\nimport ",
+            "import numpy as np",
+            "import json  # noqa\nimport numpy as np",
         )
         planned = self.planned(edited)
         assert planned["draw_figure"] > 3

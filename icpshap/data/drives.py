@@ -19,8 +19,8 @@ UNITS = (1, 1e-3, 1e-6, 1e-9)  # s, of whole numbers that are times
 
 def lines_of_scans(
     path: str | Path, poses: int, stamps: np.ndarray | None, names: Sequence[str]
-) -> np.ndarray:
-    """Places (n,) of the poses of the scans of these names, in a file of more of them.
+) -> list[int]:
+    """Places of the poses of the scans of these names, in a file of more of them.
 
     poses: how many the file has; stamps: their times (poses,) [s], or None; names: of files, with
     the folders that they lie in. A name fits by the time in it, in seconds or a whole number of

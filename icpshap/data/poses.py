@@ -37,7 +37,7 @@ class Rows(NamedTuple):
     stamps: np.ndarray | None  # (n,) times of the poses, where the format has them
     is_tum: bool
 
-    def at(self, places: np.ndarray) -> Rows:
+    def at(self, places: Sequence[int]) -> Rows:
         """Those at some places (k,)."""
         stamps = None if self.stamps is None else self.stamps[places]
         lines = [self.lines[place] for place in places]
