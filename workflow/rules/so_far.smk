@@ -6,7 +6,7 @@ Outputs: results/so_far/report.html, and below results/so_far/{experiment}/{sequ
 figures that it is made of
 """
 
-from icpshap.jobs import so_far as so_far_
+from icpshap.jobs.finished import finished
 
 if workflow.is_main_process and IS_SO_FAR and "--nolock" not in sys.argv:
     raise WorkflowError(
@@ -29,7 +29,7 @@ rule so_far:
     params:
         code=code("so_far"),
         found=lambda wildcards: [
-            so_far_.finished(PLANS, experiment.name, sequence)
+            finished(PLANS, experiment.name, sequence)
             for experiment in map(CONFIG.experiments.get, CONFIG.run)
             for sequence in selected_sequences(experiment)
         ],
