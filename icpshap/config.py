@@ -399,8 +399,8 @@ def _remarks(config, experiments, run):
         for sequence, pairs in _pairs(block, config["data"]).items():
             if "drive" in block["figures"] and sequence in data and len(pairs) < FEWEST_OF_A_DRIVE:
                 yield (
-                    f"{name}: no figure drive of {sequence}: it has {len(pairs)} pairs, expected "
-                    f"at least {FEWEST_OF_A_DRIVE}."
+                    f"{name}: no figure drive of {sequence}: it has {len(pairs)} "
+                    f"pair{'s' * (len(pairs) > 1)}, expected at least {FEWEST_OF_A_DRIVE}."
                 )
 
 

@@ -45,11 +45,12 @@ def test_a_drive_of_diagnosed_instances_is_an_error(config):
 
 def test_a_sequence_of_few_pairs_has_no_drive_and_that_is_said(config):
     block = config["experiments"]["same_perturbation"]
-    block |= {"figures": ["drive"], "pairs": {"count": 4}}
     config["sequences"] = ["stairs"]
-    (line,) = configuration.load(config).remarks
-    assert line == (
-        "same_perturbation: no figure drive of stairs: it has 4 pairs, expected at least 5."
-    )
+    for count, said in ((1, "1 pair"), (4, "4 pairs")):
+        block |= {"figures": ["drive"], "pairs": {"count": count}}
+        (line,) = configuration.load(config).remarks
+        assert line == (
+            f"same_perturbation: no figure drive of stairs: it has {said}, expected at least 5."
+        )
     block["pairs"] = {"count": 5}
     assert configuration.load(config).remarks == ()

@@ -71,8 +71,15 @@ def test_it_is_made_again_only_when_more_is_finished(drive):
 
 
 def test_it_leaves_the_lock_of_the_run_alone(drive):
-    said = drive.run("so_far", *GIVEN, fails=True)
-    assert "so_far: expected --nolock too" in said
+    for target in ("so_far", "results/so_far"):
+        said = drive.run(target, *GIVEN, fails=True)
+        assert "so_far: expected --nolock too" in said
+
+
+def test_a_run_that_only_names_it_is_a_run(drive):
+    """Such as looks at what is there, and has a lock."""
+    planned = drive.planned("--forcerun", "so_far", *GIVEN)
+    assert planned["run_icp"] == 1
 
 
 def test_its_numbers_are_those_of_the_end(drive):

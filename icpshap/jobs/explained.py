@@ -26,8 +26,9 @@ def explained(
     paths: lists of files `pairs` and `fit` of the jobs that check, `runs` and `estimates` of those
     that estimate, and `instances`, with nothing or one; planned: the plan of the explanation; jobs,
     checked: digests of the plans of the jobs; only: pairs (reference, source) of which all jobs are
-    among the files, None for all. A pair's rows do not depend on which others are explained. Raises
-    TableError for a file that another plan made.
+    among the files, None for all. A pair's rows do not depend on which others are explained, but
+    for those of the fit table where others are run on it. Raises TableError for a file that another
+    plan made.
     """
     causes = list(planned["off"])
     method = Method(**planned["method"], seed=planned["seed"])

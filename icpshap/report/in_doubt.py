@@ -22,7 +22,7 @@ ESTIMATES = [f"{name}{end}" for name in ("wrong_basin_share", "f") for end in ("
 ORDER = {"success_rate": True, "translation_rmse": False, "f": False}
 HOW = (
     "the fewest runs within 0.1 m and 2 degrees of the true pose with all causes on, of equal ones "
-    "the largest translation error"
+    "the largest translation error, or none since every run failed"
 )
 HOW_WITHOUT_RUNS = "the largest f"
 
@@ -37,8 +37,10 @@ def ranking(table: pd.DataFrame, study: Study) -> pd.DataFrame:
     if not study.returns.samples:  # nothing was run that could succeed or err
         found[[*SUCCESS, *ERRORS]] = np.nan
     found["largest"] = _largest(registered, study)
-    ascending = list(ORDER.values())
-    found = found.sort_values(list(ORDER), ascending=ascending, kind="stable")
+    # Where every run failed there is no error: none is worse.
+    order = found[list(ORDER)].fillna({"translation_rmse": np.inf})
+    order = order.sort_values(list(ORDER), ascending=list(ORDER.values()), kind="stable")
+    found = found.loc[order.index]
     found = found.head(min(MOST, len(found) // 2))
     found.insert(0, "rank", np.arange(1, len(found) + 1))
     return found.reset_index(drop=True)

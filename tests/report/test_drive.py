@@ -45,6 +45,15 @@ class TestRanking:
         assert list(found["rank"]) == [1, 2, 3, 4, 5, 6]
         assert list(found.reference) == [20, 40, 110, 100, 90, 80]
 
+    def test_a_pair_of_which_every_run_failed_comes_first(self):
+        table = drive_table()
+        errors = ["translation_rmse", "rotation_rmse"]
+        table.loc[[2, 7], "success_rate"] = 0.0
+        table.loc[7, errors] = np.nan
+        found = in_doubt.ranking(table, FIXED_STUDY)
+        assert list(found.reference)[:3] == [70, 20, 40]
+        assert np.isnan(found.translation_rmse[0])
+
     @pytest.mark.parametrize(("pairs", "listed"), [(5, 2), (19, 9), (20, 10), (200, 10)])
     def test_ten_are_listed_and_of_few_pairs_half(self, pairs, listed):
         assert len(in_doubt.ranking(drive_table(pairs), FIXED_STUDY)) == listed

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from functools import cache
 
 import yaml
+from snakemake.cli import get_argument_parser
 from snakemake.sourcecache import LocalSourceFile
 from snakemake.utils import update_config
 
@@ -57,9 +58,22 @@ except configuration.ConfigError as error:
 
 STARTED = time.time()
 
+
+def is_so_far(arguments):
+    """Whether a command line asks for the report on the run of another Snakemake, and no more.
+
+    By the rule, also under the name that a module gives it, or by its folder; a value of an option,
+    such as of --directory or --forcerun, is no target.
+    """
+    if not any("so_far" in word for word in arguments):
+        return False
+    targets = get_argument_parser().parse_known_args(arguments)[0].targets
+    return bool(targets) and all(target.rstrip("/").endswith("so_far") for target in targets)
+
+
 # Before the workflow is set up, only the command line tells what this is going to be.
 IS_RUN = start.is_run(sys.argv[1:])
-IS_SO_FAR = "so_far" in sys.argv[1:]  # a report on the run of another Snakemake
+IS_SO_FAR = is_so_far(sys.argv[1:])
 
 if IS_RUN:
     try:
