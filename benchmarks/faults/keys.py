@@ -271,6 +271,10 @@ DRY_RUNS = (
 )
 
 
+# Rules that a dry run plans besides: with some files of poses scans are read, as the key says.
+BESIDES = {("data", SEQUENCE, "drop_non_finite"): {"read_poses"}}
+
+
 def dry_runs(place, short):
     """The rules that a dry run plans after an edit."""
     for path in DRY_RUNS[: 2 if short else None]:
@@ -285,6 +289,7 @@ def _planned(place, path):
     if "simulate_scans" in expected:
         # The other experiment has the simulated scene.
         expected |= {RULES[step] for step in AFTER["scan"] & set(RULES)}
+    expected |= BESIDES.get(path, set())
     place.configure(edited(config, path, value))
     try:
         code, said = place.run("-n", "--", *TABLES)
