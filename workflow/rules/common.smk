@@ -68,7 +68,7 @@ def is_so_far(arguments):
     if not any("so_far" in word for word in arguments):
         return False
     targets = get_argument_parser().parse_known_args(arguments)[0].targets
-    return bool(targets) and all(target.rstrip("/").endswith("so_far") for target in targets)
+    return bool(targets) and all(os.path.normpath(t).endswith("so_far") for t in targets)
 
 
 # Before the workflow is set up, only the command line tells what this is going to be.
