@@ -24,6 +24,7 @@ experiments:
       fixed: {sensor_noise: 0.05, initial_pose: 1.5}
     figures: [pairs, drive]
 """
+pytestmark = pytest.mark.slow
 GIVEN = ("--configfile", "tiny.yaml", "drive.yaml")
 DONE = (0, 1, 2, 4, 5)  # jobs, of one pair each
 OWN = "results/so_far/along/street"
