@@ -35,10 +35,11 @@ class CtrlC:
 
     def __call__(self, *_: object) -> None:
         self.pressed = True
-        if not self.has_jobs:
-            raise SystemExit(self.text)
-        Path(STOPPED.format(os.getpid())).touch()
-        raise KeyboardInterrupt
+        if self.has_jobs:
+            Path(STOPPED.format(os.getpid())).touch()
+        if not threading.main_thread().is_alive():
+            return  # Python waits for other threads: nobody would catch what is raised
+        raise KeyboardInterrupt if self.has_jobs else SystemExit(self.text)
 
 
 def be_nobodys() -> None:

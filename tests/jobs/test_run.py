@@ -224,6 +224,26 @@ class TestCtrlC:
         assert handler.pressed
         assert job.wait(timeout=30) == 1
 
+    def test_at_the_very_end_there_is_nothing_to_stop(self):
+        """Python waits for threads then, and whoever presses once more sees no traceback."""
+        code = """if True:
+            import signal, threading, time
+            from icpshap.jobs import parents
+            handler = parents.CtrlC("")
+            handler.has_jobs = True
+            signal.signal(signal.SIGINT, handler)
+            def press():
+                time.sleep(0.3)
+                signal.raise_signal(signal.SIGINT)
+                time.sleep(0.3)
+            threading.Thread(target=press).start()
+            """
+        environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+        done = subprocess.run(
+            [sys.executable, "-c", code], env=environment, capture_output=True, text=True
+        )
+        assert (done.returncode, done.stderr) == (0, "")
+
     def test_a_new_run_begins_unstopped(self, tmp_path):
         marker = tmp_path / parents.STOPPED.format(os.getpid())
         marker.touch()
