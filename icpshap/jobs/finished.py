@@ -20,19 +20,11 @@ def finished(planner: Plans, experiment: str, sequence: str) -> dict[str, Any]:
     estimated |= {"estimates": paths.ESTIMATES} if returns.covariances else {}
     jobs = planner.jobs(experiment, sequence)
     plans = [planner.job(experiment, sequence, job) for job in range(len(jobs))]
-    done = [
-        job
-        for job, plan in enumerate(plans)
-        if all(is_settled(at(file, **names, job=job), plan) for file in estimated.values())
-    ]
+    done = _settled(estimated.values(), plans, names, "job")
     batches = planner.batches(experiment, sequence)
     checks = [planner.checks(experiment, sequence, batch) for batch in range(len(batches))]
     checked = {"pairs": paths.PAIRS, "fit": paths.FIT_NUMBERS}
-    sound = [
-        batch
-        for batch, plan in enumerate(checks)
-        if all(is_settled(at(file, **names, batch=batch), plan) for file in checked.values())
-    ]
+    sound = _settled(checked.values(), checks, names, "batch")
     missing = {part.pair for job in set(range(len(jobs))) - set(done) for part in jobs[job]}
     ready = {pair for batch in sound for pair in batches[batch]} - missing
     return {
@@ -52,3 +44,12 @@ def finished(planner: Plans, experiment: str, sequence: str) -> dict[str, Any]:
         "planned": planner.explanation(experiment, sequence),
         "figures": list(known.figures),
     }
+
+
+def _settled(files, plans, names, number):
+    """Of files of some templates, numbered, those numbers of which all were made by their plan."""
+    return [
+        k
+        for k, plan in enumerate(plans)
+        if all(is_settled(at(file, **names, **{number: k}), plan) for file in files)
+    ]

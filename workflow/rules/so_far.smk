@@ -33,8 +33,10 @@ rule so_far:
             for experiment in map(CONFIG.experiments.get, CONFIG.run)
             for sequence in selected_sequences(experiment)
         ],
-        studies={name: study_of({"experiment": name}) for name in CONFIG.run},
-        figures={name: figure_names(CONFIG.experiments[name]) for name in CONFIG.run},
+        studies=lambda wildcards: {name: study_of({"experiment": name}) for name in CONFIG.run},
+        figures=lambda wildcards: {
+            name: figure_names(CONFIG.experiments[name]) for name in CONFIG.run
+        },
         config=WHOLE_CONFIG,
         root=ROOT,
         logs=paths.LOGS,
