@@ -183,7 +183,7 @@ def paper():
 
     from icpshap import config
 
-    return config.load(yaml.safe_load(Path(LIBRARY, "config.yaml").read_text()))
+    return config.load(yaml.safe_load(Path(LIBRARY, "config.yaml").read_text(encoding="utf-8")))
 
 
 def job(folder, kind, number=None):

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
-from icpshap.icp.compiled import jit
+from icpshap.icp.compiled import jit, jit_borrowing
 from icpshap.icp.keys import TOGETHER, decide, known, lowest
 from icpshap.icp.lanes import LANES, PRODUCTS, add_links
 from icpshap.icp.matching import match, squared_distance, work_arrays
@@ -109,57 +109,75 @@ def make_band(room: np.ndarray) -> Band:
     )
 
 
-@jit
-def _decide(points, batch, work, run, queries, first, matches, limit, bounds, band, sums, rows):
-    """Which links of a run are kept: those get their reference points as `rows`.
+@jit_borrowing
+def _decide(
+    points, batch, work, active, begin, number, first, matches, limit, largest, band, sums, rows
+):
+    """Which links of the active runs are kept: those get their reference points as `rows`.
 
-    queries: (first, end) in `work`; first: place of the first one in `batch.positions`; bounds:
-    keys, as `keys.decide` takes them.
+    begin, number: (R,) of each run's queries in `work`; first: block of the first of them; largest:
+    `candidates.Lists.largest`.
     """
-    links, none = work.links, np.int32(points.shape[0])
-    lower, upper = band.lower[run], band.upper[run]
-    kept_key, dropped_key, made_key, unmade_key = bounds
-    kept = made = 0
-    end = queries[1] * matches
-    for part in range(queries[0] * matches, end, TOGETHER):
-        sure, within, unsure = decide(
-            links, part, end, kept_key, dropped_key, made_key, unmade_key, none, rows
-        )
-        kept += sure
-        made += within
-        while unsure:
-            link = part + lowest(unsure)
-            unsure &= unsure - 1
-            key, found = np.int32(links[link] >> 32), np.int32(links[link])
-            if found < 0:
-                continue
-            query = link // matches
-            x, y, z = work.x[query], work.y[query], work.z[query]
-            d2 = squared_distance(points, np.int64(found), x, y, z)
-            if d2 > limit:
-                continue
-            made += key >= made_key
-            if d2 < lower:
-                kept += key >= kept_key
-                rows[link] = found
-            elif d2 < upper:
-                entry = band.start[run] + band.number[run]
-                if entry < band.start[run + 1]:
-                    band.links[entry].distance = d2
-                    band.links[entry].found = found
-                    band.links[entry].position = batch.positions[first + query - queries[0]]
-                band.number[run] += 1
-    sums.kept[run] += kept
-    sums.links[run] += made
+    # Named once: taking an array out of a tuple costs more than deciding about a link.
+    links, positions, band_links = work.links, batch.positions, band.links
+    x, y, z = work.x, work.y, work.z
+    block_start, room, in_band = batch.block_start, band.start, band.number
+    none = np.int32(points.shape[0])
+    made_key, unmade_key = known(limit, largest)
+    for run in active:
+        lower, upper = band.lower[run], band.upper[run]
+        kept_key, _ = known(lower, largest)
+        _, dropped_key = known(upper, largest)
+        kept_key, dropped_key = min(kept_key, made_key), min(dropped_key, unmade_key)
+        entry = room[run] + in_band[run]
+        position = block_start[run, first] - begin[run]
+        kept = made = 0
+        end = (begin[run] + number[run]) * matches
+        for part in range(begin[run] * matches, end, TOGETHER):
+            sure, within, unsure = decide(
+                links, part, end, kept_key, dropped_key, made_key, unmade_key, none, rows
+            )
+            kept += sure
+            made += within
+            while unsure:
+                link = part + lowest(unsure)
+                unsure &= unsure - 1
+                key, found = np.int32(links[link] >> 32), np.int32(links[link])
+                if found < 0:
+                    continue
+                query = link // matches
+                d2 = squared_distance(points, np.int64(found), x[query], y[query], z[query])
+                if d2 > limit:
+                    continue
+                made += key >= made_key
+                if d2 < lower:
+                    kept += key >= kept_key
+                    rows[link] = found
+                elif d2 < upper:
+                    if entry < room[run + 1]:
+                        band_links[entry].distance = d2
+                        band_links[entry].found = found
+                        band_links[entry].position = positions[position + query]
+                    entry += 1
+        in_band[run] = entry - room[run]
+        sums.kept[run] += kept
+        sums.links[run] += made
 
 
-@jit
-def _keys(lower, upper, limit, largest, rounded):
-    """Keys of a band and of the limit [m^2], as `keys.decide` takes them."""
-    made, unmade = known(limit, largest, rounded)
-    kept, _ = known(lower, largest, rounded)
-    _, dropped = known(upper, largest, rounded)
-    return min(kept, made), min(dropped, unmade), made, unmade
+@jit_borrowing
+def _move(points, positions, first, last, T, run, x, y, z, begin):
+    """Queries of a run, from place `begin` on: the points of its positions; returns how many."""
+    r00, r01, r02, tx = T[run, 0, 0], T[run, 0, 1], T[run, 0, 2], T[run, 0, 3]
+    r10, r11, r12, ty = T[run, 1, 0], T[run, 1, 1], T[run, 1, 2], T[run, 1, 3]
+    r20, r21, r22, tz = T[run, 2, 0], T[run, 2, 1], T[run, 2, 2], T[run, 2, 3]
+    for k in range(last - first):
+        # Unsigned, or numba would ask of each index whether it counts from the end.
+        p, i = np.uint64(positions[np.uint64(first + k)]), np.uint64(begin + k)
+        px, py, pz = points[p, 0], points[p, 1], points[p, 2]
+        x[i] = r00 * px + r01 * py + r02 * pz + tx
+        y[i] = r10 * px + r11 * py + r12 * pz + ty
+        z[i] = r20 * px + r21 * py + r22 * pz + tz
+    return last - first
 
 
 @jit
@@ -202,7 +220,6 @@ def accumulate(
     runs, spare = T.shape[0], qx.shape[0] - 1
     rows = np.empty((spare + 1) * matches, np.int32)
     rows[spare * matches :] = tree.points.shape[0]
-    rounded = np.empty(1, np.float32)
     begin, number = np.zeros(runs + 1, np.int64), np.zeros(runs + 1, np.int64)
     lane_run, lane_begin, lane_number = np.zeros((3, LANES), np.int64)
     for run in active:
@@ -222,27 +239,17 @@ def accumulate(
             last += 1
         count = np.int64(0)  # no literal, for which numba would compile `match` once more
         for run in active:
-            r00, r01, r02, tx = T[run, 0, 0], T[run, 0, 1], T[run, 0, 2], T[run, 0, 3]
-            r10, r11, r12, ty = T[run, 1, 0], T[run, 1, 1], T[run, 1, 2], T[run, 1, 3]
-            r20, r21, r22, tz = T[run, 2, 0], T[run, 2, 1], T[run, 2, 2], T[run, 2, 3]
             begin[run] = count
-            for k in range(block_start[run, first], block_start[run, last]):
-                p = positions[k]
-                x, y, z = points[p, 0], points[p, 1], points[p, 2]
-                qx[count] = r00 * x + r01 * y + r02 * z + tx
-                qy[count] = r10 * x + r11 * y + r12 * z + ty
-                qz[count] = r20 * x + r21 * y + r22 * z + tz
-                count += 1
+            count += _move(
+                *(points, positions, block_start[run, first], block_start[run, last]),
+                *(T, run, qx, qy, qz, count),
+            )
             number[run] = count - begin[run]
         match(tree, lists, matches, limit, count, work)
-        for run in active:
-            queries = (begin[run], begin[run] + number[run])
-            place = block_start[run, first]
-            bounds = _keys(band.lower[run], band.upper[run], limit, lists.largest, rounded)
-            _decide(
-                *(tree.points, batch, work, run, queries, place),
-                *(matches, limit, bounds, band, sums, rows),
-            )
+        _decide(
+            *(tree.points, batch, work, active, begin, number, first),
+            *(matches, limit, lists.largest, band, sums, rows),
+        )
         # Lanes end together if their runs have equally many queries.
         ordered = _by_number(active, number)
         for group in range(0, len(ordered), LANES):

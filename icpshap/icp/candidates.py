@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from icpshap.icp import kdtree
-from icpshap.icp.compiled import jit
+from icpshap.icp.compiled import jit, jit_borrowing
 from icpshap.icp.intrinsics import prefetch
 from icpshap.icp.network import LONGEST
 
@@ -98,7 +98,7 @@ def empty_lists(tree: kdtree.Tree) -> Lists:
     )
 
 
-@jit
+@jit_borrowing
 def _fill(tree, lists, matches, cell, cx, cy, cz, half, candidates, best, best_distance):
     """Write the list of the cube (centre, half side) out of `candidates`; returns its record."""
     points, records, used, nearer = tree.points, lists.records, lists.used, lists.nearer
@@ -107,13 +107,14 @@ def _fill(tree, lists, matches, cell, cx, cy, cz, half, candidates, best, best_d
     used[2] += count
     tried = min(matches + DOMINATORS, count)
     best_distance[:tried] = np.inf
+    last = best_distance[tried - 1]
     for k in range(count):
         q = np.uint64(candidates[k])
-        x[k], y[k], z[k] = points[q, 0], points[q, 1], points[q, 2]
-        dx, dy, dz = x[k] - cx, y[k] - cy, z[k] - cz
+        px, py, pz = points[q, 0], points[q, 1], points[q, 2]
+        dx, dy, dz = px - cx, py - cy, pz - cz
         d2 = dx * dx + dy * dy + dz * dz
-        distance[k] = d2
-        if d2 < best_distance[tried - 1]:
+        x[k], y[k], z[k], distance[k] = px, py, pz, d2
+        if d2 < last:
             t = tried - 1
             while t > 0 and best_distance[t - 1] > d2:
                 best_distance[t] = best_distance[t - 1]
@@ -121,6 +122,7 @@ def _fill(tree, lists, matches, cell, cx, cy, cz, half, candidates, best, best_d
                 t -= 1
             best_distance[t] = d2
             best[t] = q
+            last = best_distance[tried - 1]
     # Far above the rounding of coordinates and of the cube that a query is said to lie in.
     half *= 1.0 + 1e-6
     reach = math.sqrt(best_distance[matches - 1]) + 2.0 * math.sqrt(3.0) * half
@@ -162,7 +164,7 @@ def _fill(tree, lists, matches, cell, cx, cy, cz, half, candidates, best, best_d
     return record
 
 
-@jit
+@jit_borrowing
 def _fill_coarsest(tree, lists, matches, cell, cx, cy, cz, half, best, best_distance, stack):
     kdtree.nearest(tree, cx, cy, cz, matches, np.inf, best, best_distance, 0, stack)
     radius = (math.sqrt(best_distance[matches - 1]) + 4.0 * half) * (1.0 + 1e-6)
@@ -172,7 +174,7 @@ def _fill_coarsest(tree, lists, matches, cell, cx, cy, cz, half, best, best_dist
     )
 
 
-@jit
+@jit_borrowing
 def divide(lists: Lists, record: int) -> int:
     """Give the cube of a record eight children, if there is room; returns the first of them or -1.
 
@@ -189,7 +191,7 @@ def divide(lists: Lists, record: int) -> int:
     return children
 
 
-@jit
+@jit_borrowing
 def _fill_on_the_way(tree, lists, matches, ix, iy, iz, best, best_distance, stack):
     """Walk to a cube that has no list yet and fill it; returns its record.
 
@@ -286,9 +288,11 @@ def locate(
     for first in range(0, count, TOGETHER):
         size = min(TOGETHER, count - first)
         for j in range(size):
-            fx = (x[first + j] - x0) * per_metre
-            fy = (y[first + j] - y0) * per_metre
-            fz = (z[first + j] - z0) * per_metre
+            # Unsigned, or numba would ask of each index whether it counts from the end.
+            i = np.uint64(first + j)
+            fx = (x[i] - x0) * per_metre
+            fy = (y[i] - y0) * per_metre
+            fz = (z[i] - z0) * per_metre
             within = (fx >= 0.0) & (fy >= 0.0) & (fz >= 0.0)
             within &= (fx < x_end) & (fy < y_end) & (fz < z_end)
             ix = np.int64(fx if within else 0.0)
@@ -319,7 +323,7 @@ def locate(
                 )
             else:
                 prefetch(records, record)
-            where[first + j] = record
+            where[np.uint64(first + j)] = record
 
 
 def forget(lists: Lists) -> None:

@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from icpshap.icp import pivots
-from icpshap.icp.compiled import jit
+from icpshap.icp.compiled import jit, jit_borrowing
 
 LEAF_SIZE = 12
 STACK = 128  # more than twice the depth of any tree that fits in memory
@@ -132,7 +132,7 @@ def build(points: np.ndarray) -> Tree:
     return Tree(ordered, index, leaf_start, box, lowest)
 
 
-@jit
+@jit_borrowing
 def has_extent(box: np.ndarray, node: int) -> bool:
     """Whether the points of a node differ; box (2 L, 6)."""
     return (
@@ -142,7 +142,7 @@ def has_extent(box: np.ndarray, node: int) -> bool:
     )
 
 
-@jit
+@jit_borrowing
 def box_distance(box: np.ndarray, node: int, x: float, y: float, z: float) -> float:
     """Squared distance from (x, y, z) to a node's box."""
     dx = max(max(box[node, 0] - x, x - box[node, 3]), 0.0)
@@ -151,12 +151,12 @@ def box_distance(box: np.ndarray, node: int, x: float, y: float, z: float) -> fl
     return dx * dx + dy * dy + dz * dz
 
 
-@jit
+@jit_borrowing
 def _follows(candidate, other, index):
     return other >= 0 and index[candidate] > index[other]
 
 
-@jit
+@jit_borrowing
 def insert(
     found: np.ndarray,
     distance: np.ndarray,
@@ -181,7 +181,7 @@ def insert(
     found[t] = candidate
 
 
-@jit
+@jit_borrowing
 def nearest(
     tree: Tree,
     x: float,
@@ -233,7 +233,7 @@ def nearest(
                 insert(found, distance, first, count, k, d2, index)
 
 
-@jit
+@jit_borrowing
 def within(
     tree: Tree,
     x: float,

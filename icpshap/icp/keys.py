@@ -28,7 +28,14 @@ from llvmlite import ir
 from numba.core import types
 
 from icpshap.icp.compiled import jit
-from icpshap.icp.intrinsics import INTEGER, LONG, data_of, in_all_lanes, intrinsic
+from icpshap.icp.intrinsics import (
+    INTEGER,
+    LONG,
+    data_of,
+    in_all_lanes,
+    intrinsic,
+    single_bits,
+)
 from icpshap.icp.network import ABSOLUTE, PLACE, RELATIVE
 
 if TYPE_CHECKING:
@@ -43,21 +50,18 @@ LARGEST_KEY = np.finfo(np.float32).max.view(np.int32)  # of all links that are a
 
 
 @jit
-def known(bound: float, largest: float, rounded: np.ndarray) -> tuple[int, int]:
+def known(bound: float, largest: float) -> tuple[int, int]:
     """Keys (below, from): links with a smaller one are shorter, with that or a larger one are not.
 
-    bound: squared length [m^2]; largest: `candidates.Lists.largest`; rounded: work array (1,)
-    float32.
+    bound: squared length [m^2]; largest: `candidates.Lists.largest`.
     """
-    key = rounded.view(np.int32)
     if bound == np.inf:
         return NEVER, NEVER
     rounding = ABSOLUTE / 4 * largest
     length = math.sqrt(max(bound, 0.0))
-    rounded[0] = max(length - rounding, 0.0) ** 2 * (1.0 - RELATIVE)
-    below = min(key[0], LARGEST_KEY)
-    rounded[0] = (length + rounding) ** 2 * (1.0 + RELATIVE)
-    return np.int32(below), np.int32(min(key[0], NEVER - PLACE) + PLACE)
+    below = single_bits(max(length - rounding, 0.0) ** 2 * (1.0 - RELATIVE))
+    beyond = single_bits((length + rounding) ** 2 * (1.0 + RELATIVE))
+    return np.int32(min(below, LARGEST_KEY)), np.int32(min(beyond, NEVER - PLACE) + PLACE)
 
 
 @intrinsic

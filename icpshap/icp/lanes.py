@@ -25,7 +25,7 @@ import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 
-from icpshap.icp.intrinsics import INTEGER, LONG, data_of, intrinsic
+from icpshap.icp.intrinsics import INTEGER, LONG, align_stack, data_of, intrinsic
 from icpshap.icp.minimisers import FEATURES, METRICS
 
 if TYPE_CHECKING:
@@ -109,6 +109,7 @@ def add_links(
 
     def generate(context, builder, signature, arguments):
         data = data_of(context, builder, signature, arguments)
+        align_stack(builder, NUMBERS)
 
         def loaded(argument, index):
             return builder.load(builder.gep(data(argument), [index]))

@@ -5,7 +5,8 @@ time. Each list is then read once for all the queries in its cube, sixteen queri
 (`network`).
 
 Exactness: the network orders candidates in single precision and tells for which queries it is
-sure of the order; the others are repeated with full distances, equal ones by lowest index. The k-d
+sure of the nearest, and of their order; for the others full distances decide, equal ones by lowest
+index. The k-d
 tree answers the queries outside the lists, and those whose list is too long for the network: which
 way a query is answered cannot be seen in the reference points that are found. Their distances are
 the network's keys, or full distances rounded to such; `keys` says up to which key a full
@@ -22,8 +23,8 @@ import numpy as np
 
 from icpshap.icp import kdtree, keys
 from icpshap.icp.candidates import HEADER, SHORT, WORTH_SPLITTING, divide, locate
-from icpshap.icp.compiled import jit
-from icpshap.icp.intrinsics import prefetch
+from icpshap.icp.compiled import jit, jit_borrowing
+from icpshap.icp.intrinsics import prefetch, single_bits
 from icpshap.icp.network import (
     LANES,
     LONGEST,
@@ -71,22 +72,22 @@ def work_arrays(queries: int, matches: int) -> Work:
     return Work(x, y, z, links, where, ordered, group_list, group_end, nearest)
 
 
-@jit
+@jit_borrowing
 def squared_distance(points: np.ndarray, q: int, x: float, y: float, z: float) -> float:
     """From (x, y, z) to points[q] [m^2], by the operations of the k-d tree."""
     dx, dy, dz = points[q, 0] - x, points[q, 1] - y, points[q, 2] - z
     return dx * dx + dy * dy + dz * dz
 
 
-@jit
+@jit_borrowing
 def _scan(points, index, records, first, count, x, y, z, matches, found, distance):
     """The k nearest of a list by full distances, lowest index on ties."""
     for t in range(matches):
         found[t] = -1
         distance[t] = np.inf
     for k in range(count):
-        q = records[first + k]
-        d2 = squared_distance(points, q, x, y, z)
+        q = records[np.uint64(first + k)]
+        d2 = squared_distance(points, np.uint64(q), x, y, z)
         if d2 <= distance[matches - 1]:
             kdtree.insert(found, distance, 0, matches, q, d2, index)
 
@@ -96,36 +97,34 @@ def _link(key, found):
     return np.int64(key) << 32 | np.int64(np.uint32(found))
 
 
-@jit
-def _write_links(matches, found, distance, links, first, rounded):
-    """Links out of full distances; rounded: work array (1,) float32."""
-    key = rounded.view(np.int32)
+@jit_borrowing
+def _write_links(matches, found, distance, links, first):
+    """Links out of full distances."""
     for t in range(matches):
         made = found[t] >= 0 and distance[t] < np.inf
-        rounded[0] = min(distance[t], keys.LARGEST) if made else np.inf
-        links[first + t] = _link(key[0], found[t])
+        key = single_bits(min(distance[t], keys.LARGEST)) if made else keys.NEVER
+        links[first + t] = _link(key, found[t])
 
 
-@jit
+@jit_borrowing
 def _sort_by_list(records, count, work):
     """Sort the queries with a list by list, in linear time; returns the number of groups."""
     x, y, z, where, ordered = work.x, work.y, work.z, work.where, work.ordered
     group_list, group_end = work.group_list, work.group_end
     number = ordered.view(np.int32)
     groups = 0
+    # Unsigned, here and below, or numba would ask of each index whether it counts from the end.
     for i in range(count):
-        record = where[i]
-        if record < 0:
+        if where[i] < 0:
             continue
-        group = records[record + 2]
-        if group < 0:
-            group = groups
-            records[record + 2] = group
-            group_list[group] = record
-            group_end[group] = 0
+        mark = np.uint64(where[i]) + np.uint64(2)
+        if records[mark] < 0:
+            records[mark] = groups
+            group_list[groups] = where[i]
+            group_end[groups] = 0
             groups += 1
-        group_end[group] += 1
-        where[i] = group
+        where[i] = records[mark]
+        group_end[np.uint64(where[i])] += 1
     begin = 0
     for group in range(groups):
         records[group_list[group] + 2] = -1
@@ -133,12 +132,13 @@ def _sort_by_list(records, count, work):
         group_end[group] = begin
         begin += size
     for i in range(count):
-        group = where[i]
-        if group >= 0:
-            row = group_end[group]
-            ordered[row, 0], ordered[row, 1], ordered[row, 2] = x[i], y[i], z[i]
-            number[row, 3] = i
-            group_end[group] = row + 1
+        if where[i] < 0:
+            continue
+        group = np.uint64(where[i])
+        row = np.uint64(group_end[group])
+        group_end[group] += 1
+        ordered[row, 0], ordered[row, 1], ordered[row, 2] = x[i], y[i], z[i]
+        number[row, 3] = i
     return groups
 
 
@@ -160,12 +160,12 @@ def match(
     stack = np.empty(kdtree.STACK, np.int32)
     found = np.empty(matches, np.int32)
     distance = np.empty(matches)
-    rounded = np.empty(1, np.float32)
+    few = np.empty(1 if matches == 1 else 3 if matches <= 3 else 5, np.int32)
     locate(tree, lists, matches, qx, qy, qz, count, where)
     for i in range(count):
         if where[i] < 0:
             kdtree.nearest(tree, qx[i], qy[i], qz[i], matches, limit, found, distance, 0, stack)
-            _write_links(matches, found, distance, links, i * matches, rounded)
+            _write_links(matches, found, distance, links, i * matches)
     groups = _sort_by_list(records, count, work)
     begin = 0
     for group in range(groups):
@@ -184,30 +184,40 @@ def match(
                 i = number[row, 3]
                 kdtree.nearest(tree, qx[i], qy[i], qz[i], matches, limit, found, distance, 0, stack)
                 link = np.int64(i) * matches
-                _write_links(matches, found, distance, links, link, rounded)
+                _write_links(matches, found, distance, links, link)
             begin = end
         while begin < end:
             if matches == 1:
-                undecided = nearest_one(
+                undecided, unordered = nearest_one(
                     coarse, records, first, length, ordered, begin, largest, nearest
                 )
             elif matches <= 3:
-                undecided = nearest_three(
+                undecided, unordered = nearest_three(
                     coarse, records, first, length, ordered, begin, largest, nearest
                 )
             else:
-                undecided = nearest_five(
+                undecided, unordered = nearest_five(
                     coarse, records, first, length, ordered, begin, largest, nearest
                 )
             for lane in range(min(LANES, end - begin)):
-                # Unsigned, or numba would ask of each index whether it counts from the end.
                 row = np.uint64(begin + lane)
                 i = np.uint64(number[row, 3])
                 link = i * np.uint64(matches)
-                if undecided >> np.uint64(lane) & np.uint64(1):
+                if (undecided | unordered) >> np.uint64(lane) & np.uint64(1):
                     x, y, z = qx[i], qy[i], qz[i]
-                    _scan(points, index, records, first, length, x, y, z, matches, found, distance)
-                    _write_links(matches, found, distance, links, link, rounded)
+                    if undecided >> np.uint64(lane) & np.uint64(1):
+                        _scan(
+                            *(points, index, records, first, length),
+                            *(x, y, z, matches, found, distance),
+                        )
+                    else:
+                        for t in range(len(few)):
+                            few[t] = records[first + (nearest[t * LANES + lane] & PLACE)]
+                        _scan(
+                            *(points, index, few, 0, len(few)),
+                            *(x, y, z, matches, found, distance),
+                        )
+                    _write_links(matches, found, distance, links, link)
                     continue
                 for t in range(matches):
                     key = nearest[np.uint64(t * LANES + lane)]
@@ -218,7 +228,7 @@ def match(
         begin = end
 
 
-@jit
+@jit_borrowing
 def measure(
     points: np.ndarray,
     limit: float,

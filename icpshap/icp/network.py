@@ -15,8 +15,9 @@ a < b, without their places, the point of a is surely nearer than every point wi
 more if sqrt(a) (1 + 2^-16 + 3 u) + e < sqrt(b) (1 - 3 u) - e, and for that it is enough that
 a < b - (2^-15 + 12 u) b - 4 e sqrt(b). The test takes 2^-14 for the first factor and 2^-20 M for
 4 e, which leaves room for its own rounding. M >= 1e-3 keeps what it accepts far from underflow,
-M <= 1e15 from overflow. A query that fails the test between any two of its k + 1 smallest keys is
-reported, and `matching` repeats it with full distances.
+M <= 1e15 from overflow. A query that fails the test between the last two of its k + 1 smallest keys
+is reported as undecided, and `matching` repeats it with full distances; one that fails it between
+two others, as unordered: the k nearest are found, and full distances of these few order them.
 
 Measured: docs/engine.md.
 """
@@ -43,7 +44,7 @@ def _network(ranks):
     coarse: (n, 4) float32 points; records[first : first + count]: the candidates;
     queries: (m, 4) float32, of which those from `begin` on are meant; largest: size of any
     coordinate, at least 1e-3; key: (ranks - 1, LANES) int32, flat, set to the keys. Returns the
-    queries that are not decided, one bit for each.
+    queries that are undecided and those that are unordered, one bit for each.
     """
 
     @intrinsic
@@ -82,7 +83,9 @@ def _network(ranks):
                 for axis in range(3):
                     offset = builder.add(base, ir.Constant(LONG, axis))
                     coordinate = builder.load(builder.gep(data(0), [offset]))
-                    difference = builder.fsub(in_all_lanes(builder, coordinate, reals), query[axis])
+                    # In this order, the coordinate is read as part of the subtraction.
+                    coordinate = in_all_lanes(builder, coordinate, reals)
+                    difference = builder.fsub(query[axis], coordinate)
                     square = builder.fmul(difference, difference, flags=("contract",))
                     if squared is not None:
                         square = builder.fadd(squared, square, flags=("contract",))
@@ -101,23 +104,30 @@ def _network(ranks):
             )
             keys = [builder.load(row) for row in smallest]
             bare = [builder.bitcast(builder.and_(key, constant(~PLACE)), reals) for key in keys]
-            decided = constant(1, ir.VectorType(ir.IntType(1), LANES))
             fits = builder.fcmp_ordered("<=", arguments[6], ir.Constant(double, LARGEST))
             absolute = builder.fmul(arguments[6], ir.Constant(double, ABSOLUTE))
             absolute = builder.select(fits, absolute, ir.Constant(double, np.inf))
             absolute = in_all_lanes(builder, builder.fptrunc(absolute, real), reals)
+            apart = []
             for nearer, farther in itertools.pairwise(bare):
                 bound = builder.fmul(farther, constant(1.0 - RELATIVE, reals))
                 bound = builder.fsub(bound, builder.fmul(absolute, builder.call(root, [farther])))
-                decided = builder.and_(decided, builder.fcmp_ordered("<", nearer, bound))
+                apart.append(builder.fcmp_ordered("<", nearer, bound))
+            *others, decided = apart
+            ordered = constant(1, ir.VectorType(ir.IntType(1), LANES))
+            for other in others:
+                ordered = builder.and_(ordered, other)
             for number, nearest_key in enumerate(keys[:-1]):
                 address = vector_at(data(7), ir.Constant(LONG, number * LANES), integers)
                 builder.store(nearest_key, address, align=4)
-            bits = builder.bitcast(builder.not_(decided), ir.IntType(LANES))
-            return builder.zext(bits, LONG)
+            bits = [
+                builder.zext(builder.bitcast(builder.not_(mask), ir.IntType(LANES)), LONG)
+                for mask in (decided, ordered)
+            ]
+            return context.make_tuple(builder, signature.return_type, bits)
 
         inputs = (coarse, records, types.int64, types.int64, queries, types.int64, largest, key)
-        return types.uint64(*inputs), generate
+        return types.UniTuple(types.uint64, 2)(*inputs), generate
 
     return nearest
 

@@ -16,7 +16,7 @@ Measured: docs/engine.md.
 import numpy as np
 
 from icpshap.icp import pivots
-from icpshap.icp.compiled import jit
+from icpshap.icp.compiled import jit, jit_borrowing
 
 SAMPLE = 1024  # links from which the first band is estimated
 SAMPLE_WIDTH = 0.06  # of the band on either side of the rank, as a share of the links
@@ -24,7 +24,7 @@ STEADY = 0.25  # largest relative change of the threshold from which the next on
 ROOM = 0.2  # share of a run's links that a band may hold
 
 
-@jit
+@jit_borrowing
 def select(values: np.ndarray, count: int, rank: int) -> float:
     """The `rank`-th smallest (0-based) of values[:count], which is reordered (quickselect)."""
     low, high = 0, count - 1

@@ -105,7 +105,7 @@ def test_keys_are_never_wrong_about_a_bound(scale, room):
     keys = work.links[: 3 * count] >> 32
     unsure = []
     for bound in (*np.quantile(distance, [0.0, 0.1, 0.5, 0.7, 1.0]), 0.0, 1e-30):
-        below, beyond = known(bound, lists.largest, np.empty(1, np.float32))
+        below, beyond = known(bound, lists.largest)
         assert (distance[keys < below] < bound).all()
         assert (distance[keys >= beyond] >= bound).all()
         unsure.append(np.mean((keys >= below) & (keys < beyond)))
@@ -113,12 +113,11 @@ def test_keys_are_never_wrong_about_a_bound(scale, room):
 
 
 def test_keys_of_no_bound_and_of_bounds_beyond_single_precision():
-    rounded = np.empty(1, np.float32)
     largest_key = np.float32(LARGEST).view(np.int32)
-    assert known(np.inf, 1.0, rounded) == (NEVER, NEVER)
-    below, beyond = known(-np.inf, 1.0, rounded)
+    assert known(np.inf, 1.0) == (NEVER, NEVER)
+    below, beyond = known(-np.inf, 1.0)
     assert below == 0 and 0 < beyond < 1_000_000_000
-    assert known(1e60, 1e25, rounded)[0] <= largest_key < known(1e60, 1e25, rounded)[1]
+    assert known(1e60, 1e25)[0] <= largest_key < known(1e60, 1e25)[1]
 
 
 def test_links_of_the_next_run_are_not_counted():
