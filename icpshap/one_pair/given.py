@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from icpshap import config, options, rigid
+from icpshap import config, options
 from icpshap.causes import CAUSES
 from icpshap.data import scans
-from icpshap.data.poses import check_pose
+from icpshap.data.poses import check_pose, transform_of
 from icpshap.data.scans import MAXIMUM_COORDINATE, MINIMUM_POINTS
 from icpshap.errors import DataError, UserError
 from icpshap.estimators import KINDS
@@ -431,7 +431,7 @@ def _matrix(values, what):
         T[: array.size // 4] = array.reshape(-1, 4)
         return T
     if array.shape == (7,):
-        return _of_quaternion(array, what)
+        return transform_of(array, what)
     raise DataError(f"{what}: an array of shape {array.shape}.", _FORMS)
 
 
@@ -439,18 +439,3 @@ _FORMS = (
     "T_reference_source is a 4x4 or 3x4 matrix, 16 or 12 numbers row by row, or 7: tx ty tz qx qy "
     "qz qw."
 )
-
-
-def _of_quaternion(numbers, what):
-    norm = np.linalg.norm(numbers[3:])
-    if not abs(norm - 1) <= rigid.TOLERANCE:
-        raise DataError(
-            f"{what}: a quaternion of norm {norm:.6g}, expected 1 within {rigid.TOLERANCE:g}.",
-            "seven numbers are tx ty tz qx qy qz qw.",
-        )
-    from scipy.spatial.transform import Rotation
-
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_quat(numbers[3:]).as_matrix()
-    T[:3, 3] = numbers[:3]
-    return T

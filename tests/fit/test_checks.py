@@ -6,6 +6,7 @@ import pytest
 from known_results import FIXED, PAIRS, fit_numbers, fit_table, shap_table
 
 from icpshap import tables
+from icpshap.data import ground_truth
 from icpshap.errors import DataError
 from icpshap.fit import checks
 
@@ -96,10 +97,16 @@ MISFITS = {
     ),
     "another unit": ({"typical_range": 0.004}, "red", "within 0.4 cm", "in metres"),
     "the inverse pose": (
-        {"pose_is_wrong": True},
+        {"better_pose": ground_truth.INVERSE},
         "red",
-        "nearer with no motion or with the inverse one",
-        "poses that map scanner to global frame",
+        "and nearer with the inverse motion",
+        "maps the source's points into the reference's frame",
+    ),
+    "the transposed rotation": (
+        {"better_pose": ground_truth.TRANSPOSED},
+        "red",
+        "and nearer with the transposed rotation",
+        "row-major",
     ),
     "no such pair": ({"median_distance": 2.5}, "red", "within 2.5 m of the reference", "units"),
 }

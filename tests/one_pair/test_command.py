@@ -210,6 +210,13 @@ def test_a_missing_extra_is_said_before_anything_is_computed(files, monkeypatch,
     assert "pip install 'icpshap[plots]'" in capsys.readouterr().err
 
 
+def test_a_registration_s_missing_extra_is_said(files, scans_given, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "libusb_package", None)
+    arguments = ["explain", *scans_given, "--transform", str(files / "T.txt")]
+    assert cli.main([*arguments, "--register", "open3d"]) == 1
+    assert "pip install 'icpshap[formats]'" in capsys.readouterr().err
+
+
 def test_changes_of_the_command_line_may_be_texts(files, scans_given, capsys):
     arguments = ["explain", *scans_given, "--transform", str(files / "T.txt"), *FAST]
     arguments += ["--partial-overlap", "0", "--initial-pose", "1", "--json"]

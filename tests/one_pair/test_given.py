@@ -114,7 +114,7 @@ def test_seven_numbers_are_a_translation_and_a_quaternion():
         ([[1], [1, 2]], "no array of numbers"),
         (np.ma.masked_array(T, np.eye(4)), "4 entries are masked"),
         ([1e9, 0, 0, 0, 0, 0, 1], "a translation of 1e+09"),
-        ([1, 2, 3, 0, 0, 0, 0], "a quaternion of norm 0"),
+        ([1, 2, 3, 0, 0, 0, 0], "T: quaternion of norm 0, expected 1"),
         (np.zeros((4, 4)), "the last row of the matrix is"),
     ],
 )
