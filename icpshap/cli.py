@@ -103,8 +103,7 @@ def _explain(given: argparse.Namespace) -> None:
     from icpshap.one_pair.explanation import writable
     from icpshap.one_pair.recipe import explain
 
-    if not given.quiet:
-        _compiling()
+    _remarks(given.quiet)
     _require_places(given)
     reference, source = _scans(given)
     explanation = explain(
@@ -143,7 +142,7 @@ def _explain(given: argparse.Namespace) -> None:
 def _diagnose(given: argparse.Namespace) -> None:
     from icpshap.one_pair.diagnosis import diagnose
 
-    _compiling()
+    _remarks()
     reference, source = _scans(given)
     found = diagnose(
         reference,
@@ -168,7 +167,7 @@ def _fit(given: argparse.Namespace) -> None:
     from icpshap.fit import checks
     from icpshap.one_pair.recipe import fit_table
 
-    _compiling()
+    _remarks()
     reference, source = _scans(given)
     found = fit_table(
         reference,
@@ -395,12 +394,16 @@ def _colours():
     return known and _is_terminal(sys.stdout)
 
 
-def _compiling():
-    """Say that the engine is compiled, which takes a while, where it is."""
+def _remarks(quiet: bool = False) -> None:
+    """What the library remarks goes to standard error: that it compiles, which takes a while, too.
+
+    quiet: nothing but errors.
+    """
     import logging
 
     logging.basicConfig(format="%(message)s", level=logging.WARNING, stream=sys.stderr)
-    logging.getLogger("icpshap.icp.compiled").setLevel(logging.INFO)
+    for name, level in (("icpshap", logging.WARNING), ("icpshap.icp.compiled", logging.INFO)):
+        logging.getLogger(name).setLevel(logging.ERROR if quiet else level)
 
 
 def _joined(arguments: list[str]) -> list[str]:

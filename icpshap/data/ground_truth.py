@@ -19,8 +19,8 @@ NO_MOTION, INVERSE, TRANSPOSED = (
     "with the transposed rotation",
 )
 FRAMES = (
-    "a pose of two scans maps the source's points into the reference's frame, poses of a drive "
-    "scanner to global frame, and line k belongs to scan k"
+    "a pose maps the source's points into the reference's frame, one of a drive from scanner to "
+    "global frame, and line k belongs to scan k"
 )
 # What may be wrong with a pose, by the motion at which the clouds lie nearer to each other.
 MEANT = {

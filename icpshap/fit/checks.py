@@ -34,7 +34,7 @@ FAR = 1.0  # m of the median source point from the reference at the true pose
 SUCCESS = 0.95
 MEMORY = 0.5
 
-AS_ABOVE = "what the other checks propose, else estimator: lidar"
+AS_ABOVE = "what the other checks propose, else more points, or lidar as the estimator"
 
 
 class Judged(NamedTuple):
@@ -206,7 +206,7 @@ def true_pose(row: Any) -> Judged:
         return judged._replace(
             grade="red",
             sentence=f"{sentence}, and nearer {row.better_pose}",
-            remedy=f"another pose: {ground_truth.MEANT[row.better_pose]}",
+            remedy=f"another pose, since {ground_truth.MEANT[row.better_pose]}",
         )
     if row.median_distance > FAR:
         return judged._replace(

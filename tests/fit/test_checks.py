@@ -182,7 +182,7 @@ def test_a_remedy_of_two_rows_is_said_behind_the_second():
     changed = {"success_rate": 0.5, "no_basin": True}
     fit = checks.complete(fit_numbers(ONE), clean_rows(**changed), {"sensor_noise": 0.0})
     (text,) = filter(None, checks.red(fit).values())
-    assert text.count("What may mend it") == 1 and text.endswith("estimator: lidar.")
+    assert text.count("What may mend it") == 1 and text.endswith(f"{checks.AS_ABOVE}.")
 
 
 def test_runs_that_stop_on_their_way_are_remarked_in_whatever_setting():

@@ -217,6 +217,13 @@ def test_a_registration_s_missing_extra_is_said(files, scans_given, monkeypatch,
     assert "pip install 'icpshap[formats]'" in capsys.readouterr().err
 
 
+def test_quiet_says_nothing_not_even_whose_answer_is_the_truth(files):
+    done = run(["explain", "reference.npy", "source.npy", *FAST, "--quiet"], files, env=THERE)
+    assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
+    done = run(["explain", "reference.npy", "source.npy", *FAST], files, env=THERE)
+    assert b"registration itself answered" in done.stderr
+
+
 def test_changes_of_the_command_line_may_be_texts(files, scans_given, capsys):
     arguments = ["explain", *scans_given, "--transform", str(files / "T.txt"), *FAST]
     arguments += ["--partial-overlap", "0", "--initial-pose", "1", "--json"]
