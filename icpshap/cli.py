@@ -402,7 +402,7 @@ def _remarks(quiet: bool = False) -> None:
     import logging
 
     logging.basicConfig(format="%(message)s", level=logging.WARNING, stream=sys.stderr)
-    for name, level in (("icpshap", logging.WARNING), ("icpshap.icp.compiled", logging.INFO)):
+    for name, level in (("icpshap", logging.NOTSET), ("icpshap.icp.compiled", logging.INFO)):
         logging.getLogger(name).setLevel(logging.ERROR if quiet else level)
 
 

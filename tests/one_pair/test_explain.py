@@ -373,6 +373,15 @@ def test_a_pile_of_equal_points_is_judged():
     assert table.set_index("check").grade["duplicates"] != "fits"
 
 
+@pytest.mark.parametrize("metric", ["point_to_plane", "point_to_point"])
+def test_a_reference_of_too_few_points_is_an_error_with_a_hint(scans, options, metric):
+    coarse = {**options, "voxel_size": 50.0, "metric": metric}
+    with pytest.raises(
+        UserError, match=r"points of the reference, expected at least .*\n.*voxel_si"
+    ):
+        icpshap.explain(*scans, estimator=coarse)
+
+
 def test_a_warning_does_not_set_up_the_caller_s_logging(scans):
     code = (
         "import logging, numpy as np; from icpshap.data.pair import Pair, describe_pair;"
