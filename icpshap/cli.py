@@ -244,7 +244,7 @@ def _read(paths, given):
     from icpshap.one_pair.given import read_scan
 
     columns = None if given.columns is None else given.columns.split(",")
-    return [read_scan(path, columns) for path in paths]
+    return [read_scan(path, columns, given.drop_non_finite) for path in paths]
 
 
 def _healthy(words, given):
@@ -595,6 +595,11 @@ def _command(commands, name, purpose, examples, run):
     )
     command.add_argument(
         "--columns", metavar="x,y,z,..", help="columns of scan files that do not name theirs"
+    )
+    command.add_argument(
+        "--drop-non-finite",
+        action="store_true",
+        help="leave out points that are not finite, and count them",
     )
     return command
 

@@ -6,6 +6,7 @@ take the same and say the same.
 
 from __future__ import annotations
 
+import logging
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -33,6 +34,8 @@ from icpshap.presets import (
     option_names,
 )
 from icpshap.report.what_if import AS_IT_IS
+
+log = logging.getLogger(__name__)
 
 PRESETS = {"lidar": LIDAR, "paper": PAPER, "released_code": RELEASED_CODE, "robust": ROBUST}
 CAUSES_GIVEN = {"sensor_noise": 0.02, "initial_pose": 1.5, "partial_overlap": 0.05}
@@ -316,10 +319,14 @@ def named_pair(name: str, indices: tuple[int, int]) -> tuple[str, int, int]:
 # --- scans and poses ------------------------------------------------------------------------------
 
 
-def read_scan(path: str | Path, columns: list[str] | None = None) -> np.ndarray:
+def read_scan(
+    path: str | Path, columns: list[str] | None = None, drop_non_finite: bool = False
+) -> np.ndarray:
     """Points (n, 3) [m] of a scan file, in its scanner's frame; its suffix says the format.
 
-    columns: names of all columns of a file that does not name them. Raises DataError.
+    columns: names of all columns of a file that does not name them; drop_non_finite: whether points
+    that are not finite, as clouds in rows and columns have, are left out, with a warning in the log
+    that counts them; else they are an error. Raises DataError.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -329,7 +336,10 @@ def read_scan(path: str | Path, columns: list[str] | None = None) -> np.ndarray:
     array([[1., 2., 3.],
            [4., 5., 6.]])
     """
-    return scans.read_scan(path, columns=columns)[0]
+    points, dropped = scans.read_scan(path, drop_non_finite, columns)
+    if dropped:
+        log.warning("%s: %d points that are not finite are left out", path, dropped)
+    return points
 
 
 def scan(points: Any, what: str) -> np.ndarray:
