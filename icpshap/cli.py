@@ -115,6 +115,7 @@ def _explain(given: argparse.Namespace) -> None:
         register=_register(given.register),
         T_initial=_transform(given.initial_transform),
         what_if=_what_if(given.what_if),
+        perturbation=_options(given.perturbation, "--perturbation"),
         seed=given.seed,
         threads=given.threads,
         progress=not given.quiet and _is_terminal(sys.stderr),
@@ -177,6 +178,7 @@ def _fit(given: argparse.Namespace) -> None:
         estimator=_estimator(given),
         register=_register(given.register),
         T_initial=_transform(given.initial_transform),
+        perturbation=_options(given.perturbation, "--perturbation"),
     )
     for row in found.itertuples():
         print(f"{row.grade:<7} {row.check:<17} {checks.said(row)}")
@@ -222,8 +224,9 @@ def _bundle(given: argparse.Namespace) -> None:
         if words is not None
     }
     words = ["--estimator", given.estimator]
-    for text in given.option:
-        words += ["--option", text]
+    for option in ("option", "perturbation"):
+        for text in getattr(given, option):
+            words += [f"--{option}", text]
     if given.register:
         words += ["--register", given.register]
     for name, level in _levels(given).items():
@@ -614,6 +617,13 @@ def _add_experiment(command):
         metavar="NAME",
         help="another registration: small_gicp, open3d, or module:function of your own, a function "
         "of reference, source and T_initial that returns T (4, 4)",
+    )
+    command.add_argument(
+        "--perturbation",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="what the causes refer to, as in overlap_distance=0.3 [m]; may be repeated",
     )
     causes = command.add_argument_group("levels of the causes")
     for cause in CAUSES.values():

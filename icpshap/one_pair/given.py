@@ -192,8 +192,8 @@ def _estimator(estimator, register):
         return name, {**base, **own}
     if not callable(register) and not isinstance(register, str):
         raise UserError(
-            f"register: a {type(register).__name__}, expected a function of reference, source and "
-            "T_initial, or its name as module:function.\n"
+            f"register: of the type {type(register).__name__}, expected a function of reference, "
+            "source and T_initial, or its name as module:function.\n"
             "Hint: register=icpshap.registrations.small_gicp is one."
         )
     if (kind := {**base, **own}.get("kind", DEFAULT_KIND)) not in (DEFAULT_KIND, "callable"):

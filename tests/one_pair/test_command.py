@@ -217,6 +217,14 @@ def test_a_registration_s_missing_extra_is_said(files, scans_given, monkeypatch,
     assert "pip install 'icpshap[formats]'" in capsys.readouterr().err
 
 
+def test_what_the_causes_refer_to_can_be_given(files, scans_given, capsys):
+    arguments = ["fit", *scans_given, "--transform", str(files / "T.txt")]
+    assert cli.main([*arguments, "--perturbation", "overlap_distance=0.35"]) == 0
+    assert "overlap_distance is 0.35 m" in capsys.readouterr().out
+    assert cli.main([*arguments, "--perturbation", "overlap=0.35"]) == 1
+    assert "perturbation: unknown key 'overlap'" in capsys.readouterr().err
+
+
 def test_points_that_are_not_finite_are_left_out_where_that_is_asked_for(files, capsys):
     points = np.load(files / "source.npy")
     np.save(files / "holes.npy", np.vstack([np.full((7, 3), np.nan), points]))

@@ -158,7 +158,7 @@ def test_a_transform_that_is_not_rigid_is_refused(values, message):
         ({"estimator": {"normal_neighbors": 30}}, "did you mean 'normal_neighbours'?"),
         ({"estimator": {"runs": 10}}, "estimator.runs: 10 is less than the minimum of 50"),
         ({"estimator": {"noise_draws": 7}}, "estimator.noise_draws: 7"),
-        ({"register": 3}, "register: a int, expected a function"),
+        ({"register": 3}, "register: of the type int, expected a function"),
         ({"register": "no_module:f"}, "there is no module no_module"),
         ({"what_if": {"more": {"runz": 3}}}, "what_if.more: unknown key 'runz'"),
         ({"what_if": {"more": {"range_bias": 0.1}}}, "what_if.more.range_bias: "),
