@@ -103,8 +103,7 @@ def _explain(given: argparse.Namespace) -> None:
     from icpshap.one_pair.explanation import writable
     from icpshap.one_pair.recipe import explain
 
-    if not given.quiet:
-        _compiling()
+    _remarks(given.quiet)
     _require_places(given)
     reference, source = _scans(given)
     explanation = explain(
@@ -116,6 +115,7 @@ def _explain(given: argparse.Namespace) -> None:
         register=_register(given.register),
         T_initial=_transform(given.initial_transform),
         what_if=_what_if(given.what_if),
+        perturbation=_options(given.perturbation, "--perturbation"),
         seed=given.seed,
         threads=given.threads,
         progress=not given.quiet and _is_terminal(sys.stderr),
@@ -143,7 +143,7 @@ def _explain(given: argparse.Namespace) -> None:
 def _diagnose(given: argparse.Namespace) -> None:
     from icpshap.one_pair.diagnosis import diagnose
 
-    _compiling()
+    _remarks()
     reference, source = _scans(given)
     found = diagnose(
         reference,
@@ -168,7 +168,7 @@ def _fit(given: argparse.Namespace) -> None:
     from icpshap.fit import checks
     from icpshap.one_pair.recipe import fit_table
 
-    _compiling()
+    _remarks()
     reference, source = _scans(given)
     found = fit_table(
         reference,
@@ -178,6 +178,7 @@ def _fit(given: argparse.Namespace) -> None:
         estimator=_estimator(given),
         register=_register(given.register),
         T_initial=_transform(given.initial_transform),
+        perturbation=_options(given.perturbation, "--perturbation"),
     )
     for row in found.itertuples():
         print(f"{row.grade:<7} {row.check:<17} {checks.said(row)}")
@@ -223,8 +224,9 @@ def _bundle(given: argparse.Namespace) -> None:
         if words is not None
     }
     words = ["--estimator", given.estimator]
-    for text in given.option:
-        words += ["--option", text]
+    for option in ("option", "perturbation"):
+        for text in getattr(given, option):
+            words += [f"--{option}", text]
     if given.register:
         words += ["--register", given.register]
     for name, level in _levels(given).items():
@@ -245,7 +247,7 @@ def _read(paths, given):
     from icpshap.one_pair.given import read_scan
 
     columns = None if given.columns is None else given.columns.split(",")
-    return [read_scan(path, columns) for path in paths]
+    return [read_scan(path, columns, given.drop_non_finite) for path in paths]
 
 
 def _healthy(words, given):
@@ -395,12 +397,16 @@ def _colours():
     return known and _is_terminal(sys.stdout)
 
 
-def _compiling():
-    """Say that the engine is compiled, which takes a while, where it is."""
+def _remarks(quiet: bool = False) -> None:
+    """What the library remarks goes to standard error: that it compiles, which takes a while, too.
+
+    quiet: nothing but errors.
+    """
     import logging
 
     logging.basicConfig(format="%(message)s", level=logging.WARNING, stream=sys.stderr)
-    logging.getLogger("icpshap.icp.compiled").setLevel(logging.INFO)
+    for name, level in (("icpshap", logging.NOTSET), ("icpshap.icp.compiled", logging.INFO)):
+        logging.getLogger(name).setLevel(logging.ERROR if quiet else level)
 
 
 def _joined(arguments: list[str]) -> list[str]:
@@ -593,6 +599,11 @@ def _command(commands, name, purpose, examples, run):
     command.add_argument(
         "--columns", metavar="x,y,z,..", help="columns of scan files that do not name theirs"
     )
+    command.add_argument(
+        "--drop-non-finite",
+        action="store_true",
+        help="leave out points that are not finite, and count them",
+    )
     return command
 
 
@@ -606,6 +617,13 @@ def _add_experiment(command):
         metavar="NAME",
         help="another registration: small_gicp, open3d, or module:function of your own, a function "
         "of reference, source and T_initial that returns T (4, 4)",
+    )
+    command.add_argument(
+        "--perturbation",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="what the causes refer to, as in overlap_distance=0.3 [m]; may be repeated",
     )
     causes = command.add_argument_group("levels of the causes")
     for cause in CAUSES.values():

@@ -160,6 +160,13 @@ def load(config: Mapping[str, Any]) -> Config:
         for violation in _leaves(Draft202012Validator(rules).iter_errors(config))
         if tuple(violation.absolute_path) not in non_finite
     ]
+    # Which names there are says more than that a name is a string.
+    named = [tuple(found.absolute_path) for found in violations if found.validator == "enum"]
+    violations = [
+        violation
+        for violation in violations
+        if violation.validator != "type" or tuple(violation.absolute_path) not in named
+    ]
     broken = {path[:2] for path in non_finite} | {
         tuple(violation.absolute_path)[:2]
         for violation in violations
@@ -1160,10 +1167,15 @@ def _describe(error, kinds):
             "Hint: mappings of several config files are merged; give yours a name of its own, and "
             "`based_on` this one"
         ]
-    if isinstance(value, str | int | float) and _is_list_of_scalars(error.schema):
+    if _is_entry(value, error.schema):
         return [f"{where}: expected a list, found {value!r}. Hint: {_as_list(path, value)}"]
     meaning = error.schema.get("description")
-    return [f"{where}: {error.message}" + (f" ({meaning})" if meaning else "")]
+    if error.validator == "type" and error.validator_value == "object" and not meaning:
+        meaning = ", ".join(f"{key}: .." for key in error.schema.get("required", []))
+    message = error.message
+    if error.validator == "oneOf":
+        message = f"{value!r} is none of what it may be"
+    return [f"{where}: {message}" + (f" ({meaning})" if meaning else "")]
 
 
 def _unknown_key(key, known, path, kinds):
@@ -1180,10 +1192,11 @@ def _dotted(path):
     return ".".join(map(str, path)) or "configuration"
 
 
-def _is_list_of_scalars(schema):
-    """Whether the schema wants a list, or offers one among others."""
+def _is_entry(value, schema):
+    """Whether a value is what a list may hold that the schema wants, or offers among others."""
+    of = {str: {"string"}, int: {"integer", "number"}, float: {"number"}}.get(type(value), set())
     branches = [schema, *schema.get("oneOf", [])]
-    return any("type" in branch.get("items", {}) for branch in branches)
+    return any(branch.get("items", {}).get("type") in of for branch in branches)
 
 
 def _as_list(path, value):

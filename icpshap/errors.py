@@ -12,6 +12,10 @@ class PerturbationError(UserError):
     """A perturbation cannot be applied to a pair of scans."""
 
 
+class MissingExtra(UserError):
+    """A package is not installed that one of icpshap's extras brings."""
+
+
 class DataError(UserError):
     """Data that cannot be used: the message names the place, what was expected and what to do."""
 
@@ -21,12 +25,12 @@ class DataError(UserError):
 
 @contextmanager
 def extra(name: str, *packages: str) -> Iterator[None]:
-    """Where packages of an extra are imported: a UserError says what to install."""
+    """Where packages of an extra are imported: a MissingExtra says what to install."""
     try:
         yield
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in packages:
             raise
-        raise UserError(
+        raise MissingExtra(
             f"{error.name} is not installed.\nHint: pip install 'icpshap[{name}]'"
         ) from None

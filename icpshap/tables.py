@@ -367,7 +367,7 @@ def _fit_numbers(causes):
         number("removed_share", "", "share of the points within the minimum range"),
         number("motion", "m", "length of the true translation"),
         number("median_distance", "m", "of source points from the reference at the true pose"),
-        Column("pose_is_wrong", "bool", "", "no motion or the inverse one fits better"),
+        Column("better_pose", "string", "", "the motion that fits better than it; empty for none"),
     ]
 
 

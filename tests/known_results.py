@@ -329,7 +329,7 @@ def fit_numbers(pairs, **changed):
         "removed_share": 0.05,
         "motion": 0.5,
         "median_distance": 0.03,
-        "pose_is_wrong": False,
+        "better_pose": "",
     }
     table = pairs_of(pairs)[PAIR].reset_index(drop=True)
     return table.assign(**{**numbers, **changed})

@@ -158,7 +158,15 @@ def test_all_errors_at_once(config):
     assert "Hint:" in message
 
 
+def test_of_a_value_of_another_type_the_names_are_said_alone(config):
+    change(config, "data.mine", {"scans": 2, "simulated": {"scene": [3]}})
+    message = errors_of(config)
+    assert "simulated.scene: unknown name '[3]', expected one of apartment, corridor" in message
+    assert "is not of type" not in message
+
+
 ONE_VALUE = {"sensor_noise": 0.05, "initial_pose": 1.5, "partial_overlap": 0.05}
+
 
 # Change at a path of the configuration (None removes the key), and what the error must say.
 MISTAKES = [
@@ -180,6 +188,17 @@ MISTAKES = [
         "expected a list, found 0.05. Hint: --config 'experiments={different_perturbations: "
         "{instances: {grid: {sensor_noise: [0.05]}}}}'",
     ),
+    (
+        "experiments.same_perturbation.pairs",
+        3,
+        "pairs: 3 is none of what it may be (consecutive: scans i and i+1 of every sequence",
+    ),
+    (
+        "experiments.same_perturbation.pairs",
+        [3],
+        "pairs.0: 3 is not of type 'object' (sequence: .., reference: .., source: ..)",
+    ),
+    ("run", 3, "run: 3 is not of type 'array'"),
     ("seed", "x", "seed: 'x' is not of type 'integer'"),
     ("seed", -1, "seed: -1 is less than the minimum of 0"),
     ("data.eth.scans", 1, "data.eth.scans: 1 is less than the minimum of 2"),

@@ -13,13 +13,28 @@ OVERLAP_DISTANCE = 0.2  # m; the paper's distance between overlapping points
 SANITY_POINTS = 5000  # of the source at most, every k-th
 ROUND_OFF = 1e-6  # m; of nearer clouds none is the better one
 ROBOT = 1.0  # m; what is nearer moves along with the scanner, where no chain says otherwise
+NO_MOTION, INVERSE, TRANSPOSED = (
+    "with no motion at all",
+    "with the inverse motion",
+    "with the transposed rotation",
+)
+FRAMES = (
+    "a pose maps the source's points into the reference's frame, one of a drive from scanner to "
+    "global frame, and line k belongs to scan k"
+)
+# What may be wrong with a pose, by the motion at which the clouds lie nearer to each other.
+MEANT = {
+    NO_MOTION: FRAMES,
+    INVERSE: FRAMES,
+    TRANSPOSED: "matrices are row-major, [R t; 0 1]",
+}
 
 
 class Fit(NamedTuple):
     """How near two clouds lie at their true pose.
 
     distance [m]: median, from source points to their nearest reference point; better: the motion at
-    which they lie nearer to each other, in words, "" for none; better_distance [m]: there.
+    which they lie nearer to each other, one of MEANT, "" for none; better_distance [m]: there.
     """
 
     distance: float
@@ -43,13 +58,16 @@ def measured(
         return float(np.median(tree.query(se3.transform(T, sample))[0]))
 
     distance = median_distance(T_reference_source)
+    transposed = T_reference_source.copy()
+    transposed[:3, :3] = T_reference_source[:3, :3].T
     others = {
-        "with no motion at all": np.eye(4),
-        "with the inverse motion": se3.inverse(T_reference_source),
+        NO_MOTION: median_distance(np.eye(4)),
+        INVERSE: median_distance(se3.inverse(T_reference_source)),
+        TRANSPOSED: median_distance(transposed),
     }
-    for description, T in others.items():
-        if distance > ROUND_OFF and (other := median_distance(T)) < 0.9 * distance:
-            return Fit(distance, description, other)
+    better = min(others, key=others.__getitem__)
+    if distance > ROUND_OFF and others[better] < 0.9 * distance:
+        return Fit(distance, better, others[better])
     return Fit(distance, "", np.nan)
 
 
@@ -68,14 +86,14 @@ def warning(fit: Fit) -> str:
     """What is wrong with the true pose by a `Fit`; "" if all is well.
 
     The median distance is above 0.2 m (less than half of the source overlaps), or the clouds fit
-    better with no motion or with the inverse motion (poses of the wrong convention).
+    better with no motion, with the inverse motion or with the transposed rotation (poses of the
+    wrong convention).
     """
     distance, better, other = fit
     if better:
         return (
             f"the ground truth looks wrong: {better} the clouds are nearer to each other"
-            f" (median {other:.3f} m) than at it ({distance:.3f} m). Hint: poses map scanner to"
-            " global frame, and line k belongs to scan k."
+            f" (median {other:.3f} m) than at it ({distance:.3f} m). Hint: {MEANT[better]}."
         )
     if distance > OVERLAP_DISTANCE:
         return (

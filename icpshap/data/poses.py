@@ -16,7 +16,7 @@ import numpy as np
 from icpshap import rigid
 from icpshap.data import drives, quaternions
 from icpshap.data.files import readable
-from icpshap.data.layout import LEICA_NAME, MINIMUM_SCANS
+from icpshap.data.layout import LEICA_NAME, MINIMUM_SCANS, SCALAR_LAST
 from icpshap.errors import DataError
 
 MAXIMUM_TRANSLATION = 1e7  # m; coordinates from the centre of the Earth are within
@@ -86,9 +86,10 @@ def read_poses(
 
 
 def read_transforms(path: str | Path) -> np.ndarray:
-    """Transforms (n, 4, 4) T_reference_source of pairs, one or more: matrices, or KITTI rows.
+    """Transforms (n, 4, 4) T_reference_source of pairs, one or more.
 
-    Raises DataError.
+    A 3x4 or 4x4 matrix in its own lines, or rows of 16, 12 or 7 numbers: those of a matrix row by
+    row, or tx ty tz qx qy qz qw. Raises DataError.
     """
     path = Path(path)
     rows, _ = _read_rows(path)
@@ -96,11 +97,17 @@ def read_transforms(path: str | Path) -> np.ndarray:
         raise DataError(f"{path}: no transforms.", "the file is empty; get or export it again.")
     if len(rows[0][1]) == 4:
         return _transform(path, rows)[None]
+    if len(rows[0][1]) == 7:
+        lines, values = _numbers(path, rows, quaternions.TRANSFORM_COLUMNS.split())
+        return np.array(
+            [transform_of(row, f"{path}, line {n}") for n, row in zip(lines, values, strict=True)]
+        )
     found = _rows(path, rows)
     if found.values.shape[1] not in (12, 16):
         raise DataError(
-            f"{path}: {found.values.shape[1]} columns, expected 12 or 16.",
-            "write the rows of a 3x4 or 4x4 matrix T_reference_source one after the other.",
+            f"{path}: {found.values.shape[1]} columns, expected 16, 12 or 7.",
+            "write the rows of a 3x4 or 4x4 matrix T_reference_source one after the other, or "
+            f"{quaternions.TRANSFORM_COLUMNS}.",
         )
     transforms = _of_rows(found.values)
     for line, transform in zip(found.lines, transforms, strict=True):
@@ -109,12 +116,21 @@ def read_transforms(path: str | Path) -> np.ndarray:
 
 
 def transform_of(values: Sequence[float] | np.ndarray, where: str) -> np.ndarray:
-    """The transform (4, 4) of 12 or 16 numbers, row-major. Raises DataError if it is none.
+    """The transform (4, 4) of 16 or 12 numbers, row-major, or of 7, tx ty tz qx qy qz qw.
+
+    Raises DataError if it is none.
 
     >>> transform_of([1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0], "T")[:3, 3].tolist()
     [0.5, 0.0, 0.0]
+    >>> transform_of([0.5, 0, 0, 0, 0, 1, 0], "T").diagonal().tolist()
+    [-1.0, -1.0, 1.0, 1.0]
     """
-    transform = _of_rows(np.array([values], dtype=float))[0]
+    numbers = np.array([values], dtype=float)
+    if numbers.shape[1] == 7:
+        _check_norms([where], numbers[:, 3:], quaternions.TRANSFORM_COLUMNS)
+        transform = quaternions.matrices(numbers[:, :3], numbers[:, 3:], SCALAR_LAST)[0]
+    else:
+        transform = _of_rows(numbers)[0]
     check_pose(where, transform)
     return transform
 
@@ -254,15 +270,20 @@ def _check_tum(path, lines, values):
                 f"{path}, line {line}: the timestamp is not later than the one before.",
                 "list the poses in the order of the scans.",
             )
+    where = [f"{path}, line {line}" for line in lines]
+    _check_norms(where, values[:, 4:], quaternions.TUM_COLUMNS)
+
+
+def _check_norms(where, numbers, columns):
+    """Raise DataError unless quaternions (n, 4) have the norm 1; columns: all of their rows."""
     # Four decimals, the format's habit, leave the norm within 1e-4 of 1.
     with np.errstate(over="ignore"):
-        norms = np.linalg.norm(values[:, 4:], axis=1)
-    for line, norm in zip(lines, norms, strict=True):
-        if abs(norm - 1) > rigid.TOLERANCE:
+        norms = np.linalg.norm(numbers, axis=1)
+    for place, norm in zip(where, norms, strict=True):
+        if not abs(norm - 1) <= rigid.TOLERANCE:
             raise DataError(
-                f"{path}, line {line}: quaternion of norm {norm:.6g}, expected 1 within"
-                f" {rigid.TOLERANCE:g}.",
-                f"columns are {quaternions.TUM_COLUMNS}.",
+                f"{place}: quaternion of norm {norm:.6g}, expected 1 within {rigid.TOLERANCE:g}.",
+                f"columns are {columns}.",
             )
 
 

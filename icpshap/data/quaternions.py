@@ -15,7 +15,8 @@ from icpshap.errors import DataError
 log = logging.getLogger(__name__)
 
 NAMES = {SCALAR_LAST: ["qx", "qy", "qz", "qw"], SCALAR_FIRST: ["qw", "qx", "qy", "qz"]}
-TUM_COLUMNS = f"timestamp tx ty tz {' '.join(NAMES[SCALAR_LAST])}"
+TRANSFORM_COLUMNS = f"tx ty tz {' '.join(NAMES[SCALAR_LAST])}"
+TUM_COLUMNS = f"timestamp {TRANSFORM_COLUMNS}"
 UPRIGHT = np.deg2rad(30)  # tilt of a scanner that stands on a vehicle or is carried
 ROLLED = np.deg2rad(45)  # change of tilt between poses
 OVER = np.deg2rad(120)  # tilt of a scanner that has rolled over

@@ -72,7 +72,8 @@ def _finite(path, more, drop_non_finite, columns):
             f"{path}: {dropped} of {len(points)} rows are not finite (NaN or infinite"
             f" {', '.join(['x', 'y or z'] if not more else ['x', 'y', f'z or {more[0]}'])}),"
             f" the first is row {np.argmin(finite) + 1} of the points.",
-            "remove them, or set `drop_non_finite: true` to leave them out and count them.",
+            "remove them, or set `drop_non_finite: true` (--drop-non-finite) to leave them out and"
+            " count them.",
         )
     points = points[finite] if dropped else points
     _require_metres(path, points[:, :3], finite)

@@ -17,6 +17,7 @@ import pandas as pd
 from icpshap import options, registry, se3
 from icpshap.causes import CAUSES, named
 from icpshap.causes.cause import Cause
+from icpshap.errors import PerturbationError
 from icpshap.estimators import perturb
 from icpshap.estimators.kind import Kind, Samples
 from icpshap.estimators.perturb import Perturbing
@@ -135,6 +136,7 @@ def estimate(
     """
     runs, estimates = defaultdict(list), defaultdict(list)
     groups = perturb.groups(pair, settings, estimator, deviation, streams)
+    groups = _with_enough_points(groups, estimator, streams)
     for of_group in mapped(lambda group: list(estimator.kind.estimate(group)), groups):
         for returned in of_group:
             if isinstance(returned, Samples):
@@ -146,6 +148,21 @@ def estimate(
         if all(setting.level(cause) == cause.off for cause in estimator.causes.values()):
             estimator.kind.check_clean(_table(runs, [setting]))
     return _table(runs, settings), _table(estimates, settings)
+
+
+def _with_enough_points(groups, estimator, streams):
+    """The groups. Raises PerturbationError where a reference has too few points to register on."""
+    neighbours, _ = estimator.kind.neighbourhood or (0, 0.0)
+    fewest = max(perturb.FEWEST_POINTS, neighbours)
+    for group in groups:
+        if len(group.reference) < fewest:
+            raise PerturbationError(
+                f"{streams.sequence}, scans {streams.reference} and {streams.source}: filters and "
+                f"causes leave {len(group.reference)} points of the reference, expected at least "
+                f"{fewest}.\nHint: a smaller voxel_size or minimum_range, or fewer neighbours of a "
+                "normal."
+            )
+        yield group
 
 
 def _check_returned(estimator, runs, estimates):

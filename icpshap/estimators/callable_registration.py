@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 
 from icpshap import registry, rigid
-from icpshap.errors import UserError
+from icpshap.errors import MissingExtra, UserError
 from icpshap.estimators._own_noise import OwnNoise, Runs
 from icpshap.estimators.kind import SAMPLES, Samples
 from icpshap.options import REQUIRED, option
@@ -159,6 +159,8 @@ def called(
     copies = [np.array(each, dtype=float, order="C") for each in (reference, source, T_initial)]
     try:
         returned = register(*copies)
+    except MissingExtra:
+        raise
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
         raise UserError(

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from icpshap.estimators import Estimator
 
 
-FEWEST_POINTS = 50  # of the source that a run needs
+FEWEST_POINTS = 50  # of the source, and of the reference, that a run needs
 
 
 @dataclass(frozen=True)

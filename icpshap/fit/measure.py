@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -31,7 +31,7 @@ TRIED = ((None, 20), (0.25, 20), (0.25, 30), (0.5, 20), (0.5, 30))
 
 def measure(
     pair: Pair, estimator: Estimator, levels: Mapping[str, float], streams: perturb.Streams
-) -> dict[str, float]:
+) -> dict[str, Any]:
     """The numbers of a pair by column of the table `fit_numbers`.
 
     pair: data.pair.Pair; estimator: estimators.Estimator; levels: the largest of each cause, by
@@ -57,7 +57,7 @@ def measure(
         "duplicate_share": duplicate_share(*in_range),
         **ranges(pair, minimum_range),
         "median_distance": at_truth.distance,
-        "pose_is_wrong": bool(at_truth.better),
+        "better_pose": at_truth.better,
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import zipfile
 import zlib
 from dataclasses import asdict, dataclass
@@ -24,6 +25,7 @@ from icpshap.explanation.shapley import couples
 from icpshap.fit import checks
 from icpshap.one_pair.covariance import PoseCovariance
 from icpshap.report import advice, captions, doubts
+from icpshap.report.fit import misfits
 from icpshap.report.study import Study
 from icpshap.tables import TRANSFORM, covariances
 
@@ -114,9 +116,16 @@ class Explanation:
     @property
     def warnings(self) -> list[str]:
         """What makes the numbers doubtful, the gravest first, each with what to do."""
+        broken = misfits(self._shap, self.study)
         found = doubts.of_table(self._shap, self.study)
         found += doubts.of_pairs(self.tables["pairs"], self.study)
-        return [
+        # There is one pair: its name says nothing.
+        named = rf"^{re.escape(self.study.pair(self._row))}( \(1 instance\))?: (.)"
+        found = [
+            doubt._replace(text=re.sub(named, lambda match: match[2].upper(), doubt.text))
+            for doubt in found
+        ]
+        return [broken] * bool(broken) + [
             f"{group.title}. {' '.join(text for _, text in group.lines)} {group.advice}".strip()
             for group in doubts.grouped([("", doubt) for doubt in found])
         ]

@@ -6,6 +6,7 @@ take the same and say the same.
 
 from __future__ import annotations
 
+import logging
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from icpshap import config, options, rigid
+from icpshap import config, options
 from icpshap.causes import CAUSES
 from icpshap.data import scans
-from icpshap.data.poses import check_pose
+from icpshap.data.poses import check_pose, transform_of
 from icpshap.data.scans import MAXIMUM_COORDINATE, MINIMUM_POINTS
 from icpshap.errors import DataError, UserError
 from icpshap.estimators import KINDS
@@ -33,6 +34,8 @@ from icpshap.presets import (
     option_names,
 )
 from icpshap.report.what_if import AS_IT_IS
+
+log = logging.getLogger(__name__)
 
 PRESETS = {"lidar": LIDAR, "paper": PAPER, "released_code": RELEASED_CODE, "robust": ROBUST}
 CAUSES_GIVEN = {"sensor_noise": 0.02, "initial_pose": 1.5, "partial_overlap": 0.05}
@@ -189,8 +192,8 @@ def _estimator(estimator, register):
         return name, {**base, **own}
     if not callable(register) and not isinstance(register, str):
         raise UserError(
-            f"register: a {type(register).__name__}, expected a function of reference, source and "
-            "T_initial, or its name as module:function.\n"
+            f"register: of the type {type(register).__name__}, expected a function of reference, "
+            "source and T_initial, or its name as module:function.\n"
             "Hint: register=icpshap.registrations.small_gicp is one."
         )
     if (kind := {**base, **own}.get("kind", DEFAULT_KIND)) not in (DEFAULT_KIND, "callable"):
@@ -316,10 +319,14 @@ def named_pair(name: str, indices: tuple[int, int]) -> tuple[str, int, int]:
 # --- scans and poses ------------------------------------------------------------------------------
 
 
-def read_scan(path: str | Path, columns: list[str] | None = None) -> np.ndarray:
+def read_scan(
+    path: str | Path, columns: list[str] | None = None, drop_non_finite: bool = False
+) -> np.ndarray:
     """Points (n, 3) [m] of a scan file, in its scanner's frame; its suffix says the format.
 
-    columns: names of all columns of a file that does not name them. Raises DataError.
+    columns: names of all columns of a file that does not name them; drop_non_finite: whether points
+    that are not finite, as clouds in rows and columns have, are left out, with a warning in the log
+    that counts them; else they are an error. Raises DataError.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -329,7 +336,10 @@ def read_scan(path: str | Path, columns: list[str] | None = None) -> np.ndarray:
     array([[1., 2., 3.],
            [4., 5., 6.]])
     """
-    return scans.read_scan(path, columns=columns)[0]
+    points, dropped = scans.read_scan(path, drop_non_finite, columns)
+    if dropped:
+        log.warning("%s: %d points that are not finite are left out", path, dropped)
+    return points
 
 
 def scan(points: Any, what: str) -> np.ndarray:
@@ -431,7 +441,7 @@ def _matrix(values, what):
         T[: array.size // 4] = array.reshape(-1, 4)
         return T
     if array.shape == (7,):
-        return _of_quaternion(array, what)
+        return transform_of(array, what)
     raise DataError(f"{what}: an array of shape {array.shape}.", _FORMS)
 
 
@@ -439,18 +449,3 @@ _FORMS = (
     "T_reference_source is a 4x4 or 3x4 matrix, 16 or 12 numbers row by row, or 7: tx ty tz qx qy "
     "qz qw."
 )
-
-
-def _of_quaternion(numbers, what):
-    norm = np.linalg.norm(numbers[3:])
-    if not abs(norm - 1) <= rigid.TOLERANCE:
-        raise DataError(
-            f"{what}: a quaternion of norm {norm:.6g}, expected 1 within {rigid.TOLERANCE:g}.",
-            "seven numbers are tx ty tz qx qy qz qw.",
-        )
-    from scipy.spatial.transform import Rotation
-
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_quat(numbers[3:]).as_matrix()
-    T[:3, 3] = numbers[:3]
-    return T

@@ -38,7 +38,7 @@ def text(explanation: Explanation, width: int = 100, colours: bool = False) -> s
         *_causes(explanation, paint),
     ]
     end = _listed("What to do", explanation.advice, width, paint, BOLD)
-    doubts = _listed("Warnings", explanation.warnings, width, paint, WARNING)
+    doubts = _listed("Warnings", _doubts(explanation), width, paint, WARNING)
     room = MOST_LINES - len(head) - len(body) - 2
     lines = [*(paint(BOLD, line) for line in head), "", *body]
     lines += _fitting([end, doubts], room)
@@ -50,7 +50,7 @@ def html(explanation: Explanation) -> str:
     tables, study = explanation.tables, explanation.study
     causes = effects.table_of_causes(tables["shap"], study)
     errors = directions.html(tables["directions"], study)
-    doubts = "".join(f"<li>{escape(line)}</li>" for line in explanation.warnings)
+    doubts = "".join(f"<li>{escape(line)}</li>" for line in _doubts(explanation))
     advice = "".join(f"<li>{escape(line)}</li>" for line in explanation.advice)
     return (
         f"<p><strong>{escape(explanation.sentence)}</strong></p>{causes}{errors}"
@@ -58,6 +58,11 @@ def html(explanation: Explanation) -> str:
         + f"<p>Warnings</p><ul>{doubts}</ul>" * bool(doubts)
         + f"<p><small>{escape(' '.join(captions.symbols(study)))}</small></p>"
     )
+
+
+def _doubts(explanation):
+    """The warnings that the sentence does not begin with."""
+    return [text for text in explanation.warnings if text not in explanation.sentence]
 
 
 def _arrivals(explanation, width):
@@ -147,10 +152,18 @@ def _fitting(blocks, room):
         for of_text in texts:
             if shown and len(shown) + len(of_text) > free:
                 break
-            shown += of_text[: max(free, 1)]
+            shown += _cut(of_text, max(free, 1))
         left = len(texts) - sum(line.startswith("- ") for line in shown)
         lines += ["", title, *shown] + [f"- and {left} more"] * bool(left)
     return lines
+
+
+def _cut(lines, room):
+    """The first lines of a text, so many, with dots where more of it is left out."""
+    if len(lines) <= room:
+        return lines
+    *before, last = lines[:room]
+    return [*before, f"{last[:-3].rpartition(' ')[0]} ..."]
 
 
 def _wrapped(line, width, indent=""):

@@ -30,10 +30,12 @@ def sentences(
 
 
 def _remedies(fit):
-    """The changes that mend the gravest misfits."""
+    """The changes that mend the gravest misfits; those of their own before what says no more."""
     rows = checks.by_check(fit)
-    rows = rows[rows.grade != "fits"].head(FIRST)
-    return [f"Not tried, for {row.check}: {row.remedy}." for row in rows.itertuples()]
+    rows = rows[rows.grade != "fits"]
+    own = rows[rows.remedy != checks.AS_ABOVE]
+    rows = (own if len(own) else rows).head(FIRST)
+    return [f"What may mend {row.check} (not tried): {row.remedy}." for row in rows.itertuples()]
 
 
 def _removal(shap, study):
@@ -52,4 +54,6 @@ def _removal(shap, study):
     if not found:
         return []
     cause = max(found, key=found.__getitem__)
-    return [f"Not tried, since f falls most without {cause.title}: {cause.mitigation}."]
+    return [
+        f"f falls most without {cause.title}. What may lower it (not tried): {cause.mitigation}."
+    ]

@@ -75,8 +75,8 @@ def advice(table: pd.DataFrame, study: Study) -> list[str]:
         else:
             unclear.append(row)
     told = [
-        f"Not tried, since f of {_named(rows, study)} falls most without {cause.title}: "
-        f"{cause.mitigation}; {SAME_SCANS if cause.told else NEW_SCANS}, and its effect is "
+        f"f of {_named(rows, study)} falls most without {cause.title}. What may lower it (not "
+        f"tried): {cause.mitigation}; {SAME_SCANS if cause.told else NEW_SCANS}, and its effect is "
         f"predicted, from the game on {_named(rows, study, study.run_pair)}."
         for cause, rows in found.items()
     ]

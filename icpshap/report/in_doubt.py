@@ -96,8 +96,10 @@ def _largest(table, study):
 
 
 def _change(clean, on, told):
-    """A number clean and with all causes on; "" where it is not known."""
-    return "" if np.isnan(on) else f"{told(clean)} → {told(on)}"
+    """A number clean and with all causes on, "none" where every run failed; "" of neither."""
+    if np.isnan(clean) and np.isnan(on):
+        return ""
+    return " → ".join("none" if np.isnan(value) else told(value) for value in (clean, on))
 
 
 def _degrees(radians):

@@ -45,7 +45,14 @@ def test_distance_is_the_median_over_the_points_beyond_the_range():
 def test_wrong_ground_truth_is_noticed(room_pair):
     reference, source, T = room_pair
     _, warning = ground_truth_distance(reference, source, se3.inverse(T), 1.0)
-    assert "the ground truth looks wrong: with no motion at all" in warning and "Hint" in warning
+    assert "the ground truth looks wrong: with the inverse motion" in warning and "Hint" in warning
+    transposed = T.copy()
+    transposed[:3, :3] = T[:3, :3].T
+    _, warning = ground_truth_distance(reference, source, transposed, 1.0)
+    assert "looks wrong: with the transposed rotation" in warning and "row-major" in warning
+    still = reference + np.array([0.002, 0, 0])
+    _, warning = ground_truth_distance(reference, still, T, 1.0)
+    assert "looks wrong: with no motion at all" in warning and "line k" in warning
     small = T @ se3.exp([0, 0, 0.01, 0, 0, 0])
     assert ground_truth_distance(reference, source, small, 1.0)[1] == ""
     far = T.copy()

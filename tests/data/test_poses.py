@@ -161,11 +161,19 @@ def test_several_transforms(tmp_path):
     np.testing.assert_array_equal(read_transforms(path), POSES)
     for text, expected in (
         ("", "no transforms"),
-        ("0 1 2 3 0 0 0 1\n", "8 columns, expected 12 or 16"),
+        ("0 1 2 3 0 0 0 1\n", "8 columns, expected 16, 12 or 7"),
         (f"{IDENTITY}\n2{IDENTITY[1:]}\n", "line 2: the 3x3 part is not a rotation"),
+        ("1 2 3 0 0 0 1\n1 2 3 0 0 0 2\n", "line 2: quaternion of norm 2"),
+        ("1 2 3 0 0 0 1\n1 2 3 0 0 0\n", "line 2: 6 columns, expected 7"),
     ):
         with pytest.raises(DataError, match=expected):
             read_transforms(written(path, text))
+
+
+def test_a_transform_may_be_a_translation_and_a_quaternion(tmp_path):
+    numbers = [*TRANSFORM[:3, 3], *Rotation.from_matrix(TRANSFORM[:3, :3]).as_quat()]
+    path = written(tmp_path / "T.txt", matrix_text([numbers]))
+    np.testing.assert_allclose(read_transforms(path), TRANSFORM[None], atol=1e-12)
 
 
 # Poses of a longer drive

@@ -6,6 +6,7 @@ import pytest
 from known_results import FIXED, PAIRS, fit_numbers, fit_table, shap_table
 
 from icpshap import tables
+from icpshap.data import ground_truth
 from icpshap.errors import DataError
 from icpshap.fit import checks
 
@@ -96,10 +97,16 @@ MISFITS = {
     ),
     "another unit": ({"typical_range": 0.004}, "red", "within 0.4 cm", "in metres"),
     "the inverse pose": (
-        {"pose_is_wrong": True},
+        {"better_pose": ground_truth.INVERSE},
         "red",
-        "nearer with no motion or with the inverse one",
-        "poses that map scanner to global frame",
+        "and nearer with the inverse motion",
+        "maps the source's points into the reference's frame",
+    ),
+    "the transposed rotation": (
+        {"better_pose": ground_truth.TRANSPOSED},
+        "red",
+        "and nearer with the transposed rotation",
+        "row-major",
     ),
     "no such pair": ({"median_distance": 2.5}, "red", "within 2.5 m of the reference", "units"),
 }
@@ -175,7 +182,7 @@ def test_a_remedy_of_two_rows_is_said_behind_the_second():
     changed = {"success_rate": 0.5, "no_basin": True}
     fit = checks.complete(fit_numbers(ONE), clean_rows(**changed), {"sensor_noise": 0.0})
     (text,) = filter(None, checks.red(fit).values())
-    assert text.count("What may mend it") == 1 and text.endswith("estimator: lidar.")
+    assert text.count("What may mend it") == 1 and text.endswith(f"{checks.AS_ABOVE}.")
 
 
 def test_runs_that_stop_on_their_way_are_remarked_in_whatever_setting():

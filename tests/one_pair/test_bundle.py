@@ -21,6 +21,7 @@ def test_its_command_runs_on_what_is_in_it(scans, tmp_path, capsys, monkeypatch)
     path = tmp_path / "bundle.zip"
     pose = ["--transform", "0.1", "0", "0", "0", "0", "0", "1"]
     options = ["--option", "normal_neighbours=30", "--sensor-noise", "0.05"]
+    options += ["--perturbation", "overlap_distance=0.3"]
     assert main(["bundle", *scans, *pose, *options, "--output", str(path)]) == 0
     assert main(["fit", *scans, *pose, *options]) == 0
     told = capsys.readouterr().out.split("\n", 1)[1]

@@ -210,6 +210,43 @@ def test_a_missing_extra_is_said_before_anything_is_computed(files, monkeypatch,
     assert "pip install 'icpshap[plots]'" in capsys.readouterr().err
 
 
+def test_a_registration_s_missing_extra_is_said(files, scans_given, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "libusb_package", None)
+    arguments = ["explain", *scans_given, "--transform", str(files / "T.txt")]
+    assert cli.main([*arguments, "--register", "open3d"]) == 1
+    assert "pip install 'icpshap[formats]'" in capsys.readouterr().err
+
+
+def test_what_the_causes_refer_to_can_be_given(files, scans_given, capsys):
+    arguments = ["fit", *scans_given, "--transform", str(files / "T.txt")]
+    assert cli.main([*arguments, "--perturbation", "overlap_distance=0.35"]) == 0
+    assert "overlap_distance is 0.35 m" in capsys.readouterr().out
+    assert cli.main([*arguments, "--perturbation", "overlap=0.35"]) == 1
+    assert "perturbation: unknown key 'overlap'" in capsys.readouterr().err
+
+
+def test_points_that_are_not_finite_are_left_out_where_that_is_asked_for(files, capsys):
+    points = np.load(files / "source.npy")
+    np.save(files / "holes.npy", np.vstack([np.full((7, 3), np.nan), points]))
+    scans = [str(files / name) for name in ("reference.npy", "holes.npy")]
+    assert cli.main(["fit", *scans, "--transform", str(files / "T.txt")]) == 1
+    assert "--drop-non-finite" in capsys.readouterr().err
+    found = icpshap.read_scan(files / "holes.npy", drop_non_finite=True)
+    assert (found == icpshap.read_scan(files / "source.npy")).all()
+    done = run(
+        ["fit", *scans, "--transform", str(files / "T.txt"), "--drop-non-finite"], files, env=THERE
+    )
+    assert done.returncode == 0 and b"true pose" in done.stdout
+    assert b"holes.npy: 7 points that are not finite are left out" in done.stderr
+
+
+def test_quiet_says_nothing_not_even_whose_answer_is_the_truth(files):
+    done = run(["explain", "reference.npy", "source.npy", *FAST, "--quiet"], files, env=THERE)
+    assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
+    done = run(["explain", "reference.npy", "source.npy", *FAST], files, env=THERE)
+    assert b"registration itself answered" in done.stderr
+
+
 def test_changes_of_the_command_line_may_be_texts(files, scans_given, capsys):
     arguments = ["explain", *scans_given, "--transform", str(files / "T.txt"), *FAST]
     arguments += ["--partial-overlap", "0", "--initial-pose", "1", "--json"]

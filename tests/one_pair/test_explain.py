@@ -18,6 +18,7 @@ from icpshap import se3
 from icpshap.errors import DataError, UserError
 from icpshap.export import export
 from icpshap.export.measurement import read_covariances
+from icpshap.one_pair import screen
 from icpshap.one_pair.threads import in_threads
 from icpshap.report import captions
 
@@ -96,6 +97,23 @@ def test_a_screen_has_at_most_40_lines(explained):
         assert part in text
     assert "\033[" not in text
     assert "\033[1m" in explained.to_text(colours=True)
+
+
+def test_what_breaks_the_answer_is_its_first_warning_and_said_once_on_the_screen(scans, options):
+    reference, source, T = scans
+    found = icpshap.explain(reference, source, se3.inverse(T), estimator=options)
+    broken, truth, *_ = found.warnings
+    assert broken.startswith("The settings do not fit the scans") and broken in found.sentence
+    assert "nearer with the inverse motion" in broken
+    assert truth.startswith("The true pose looks wrong. The ground truth looks wrong: with the inv")
+    text = found.to_text()
+    assert text.count("The settings do not fit the scans") == 1
+    assert len(text.splitlines()) <= 40
+
+
+def test_what_the_screen_has_no_room_for_ends_in_dots():
+    assert screen._cut(["- one two", "  three"], 2) == ["- one two", "  three"]
+    assert screen._cut(["- one two", "  three four", "  five"], 2) == ["- one two", "  three ..."]
 
 
 def test_json_is_plain_and_complete(explained):
@@ -223,7 +241,7 @@ def test_without_a_pose_icp_answers_and_says_what_that_hides(scans, options):
     reference, source, T = scans
     found = icpshap.explain(reference, source, estimator=options)
     assert found.T_reference_source == pytest.approx(T, abs=0.02)
-    assert "registration itself answered" in " ".join(found.warnings)
+    assert "The true pose is what the registration itself answered" in " ".join(found.warnings)
 
 
 def test_ones_own_registration_answers_for_the_truth_and_for_the_runs(scans, tmp_path):
@@ -353,6 +371,15 @@ def test_a_pile_of_equal_points_is_judged():
     pile = np.full((1500, 3), 3.0)
     table = icpshap.fit_table(pile, pile, np.eye(4), estimator="paper")
     assert table.set_index("check").grade["duplicates"] != "fits"
+
+
+@pytest.mark.parametrize("metric", ["point_to_plane", "point_to_point"])
+def test_a_reference_of_too_few_points_is_an_error_with_a_hint(scans, options, metric):
+    coarse = {**options, "voxel_size": 50.0, "metric": metric}
+    with pytest.raises(
+        UserError, match=r"points of the reference, expected at least .*\n.*voxel_si"
+    ):
+        icpshap.explain(*scans, estimator=coarse)
 
 
 def test_a_warning_does_not_set_up_the_caller_s_logging(scans):

@@ -114,7 +114,7 @@ def test_seven_numbers_are_a_translation_and_a_quaternion():
         ([[1], [1, 2]], "no array of numbers"),
         (np.ma.masked_array(T, np.eye(4)), "4 entries are masked"),
         ([1e9, 0, 0, 0, 0, 0, 1], "a translation of 1e+09"),
-        ([1, 2, 3, 0, 0, 0, 0], "a quaternion of norm 0"),
+        ([1, 2, 3, 0, 0, 0, 0], "T: quaternion of norm 0, expected 1"),
         (np.zeros((4, 4)), "the last row of the matrix is"),
     ],
 )
@@ -158,7 +158,7 @@ def test_a_transform_that_is_not_rigid_is_refused(values, message):
         ({"estimator": {"normal_neighbors": 30}}, "did you mean 'normal_neighbours'?"),
         ({"estimator": {"runs": 10}}, "estimator.runs: 10 is less than the minimum of 50"),
         ({"estimator": {"noise_draws": 7}}, "estimator.noise_draws: 7"),
-        ({"register": 3}, "register: a int, expected a function"),
+        ({"register": 3}, "register: of the type int, expected a function"),
         ({"register": "no_module:f"}, "there is no module no_module"),
         ({"what_if": {"more": {"runz": 3}}}, "what_if.more: unknown key 'runz'"),
         ({"what_if": {"more": {"range_bias": 0.1}}}, "what_if.more.range_bias: "),

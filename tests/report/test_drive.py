@@ -88,6 +88,14 @@ class TestRanking:
         cells = [cell.strip() for cell in re.findall("<td>(.*?)</td>", text)]
         assert cells[:4] == ["1", "Apartment 20–21", "100 → 20", "2 → 0.3"]
 
+    def test_where_every_run_failed_a_page_shows_no_error(self):
+        table = drive_table()
+        table.loc[2, "translation_rmse"] = np.nan
+        table.loc[2, "clean_rotation_rmse"] = np.nan
+        table.loc[4, ["clean_rotation_rmse", "rotation_rmse"]] = np.nan
+        text = in_doubt.html(in_doubt.ranking(table, FIXED_STUDY), FIXED_STUDY)
+        assert "nan" not in text and "<td>2 → none" in text and "<td>none → " in text
+
 
 class TestFigure:
     def test_its_lines_are_the_table(self):

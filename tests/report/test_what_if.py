@@ -1,6 +1,7 @@
 """What the explained instance becomes with other options, and what to do."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from known_results import (
     FIXED,
@@ -12,6 +13,7 @@ from known_results import (
     without_value,
 )
 
+from icpshap.fit import checks
 from icpshap.report import advice, captions, fit, what_if
 
 CHANGES = {
@@ -88,11 +90,13 @@ class TestAdvice:
         )
         fit = fit_table(shap, source_points=250.0, overlap=0.2)
         said = advice.sentences(shap, fit, None, STUDY)
-        assert said[0] == "Not tried, for points: subsampling_probability: 0.3."
-        assert said[1] == "Not tried, for overlap: scans that are nearer to each other."
+        assert said[0] == "What may mend points (not tried): subsampling_probability: 0.3."
+        assert said[1] == (
+            "What may mend overlap (not tried): scans that are nearer to each other."
+        )
         assert said[2] == (
-            "Not tried, since f falls most without sensor noise: a more exact scanner, or points "
-            "averaged on a grid."
+            "f falls most without sensor noise. What may lower it (not tried): a more exact "
+            "scanner, or points averaged on a grid."
         )
         narrow = shap.assign(narrows_sensor_noise=True)  # less noise makes no error smaller
         assert not any(
@@ -132,3 +136,13 @@ def test_what_breaks_an_answer_comes_first_in_the_finding_and_over_tables():
 def test_of_several_pairs_those_are_named_that_it_breaks():
     shap = shap_table(FIXED, PAIRS).assign(misfit=["", BROKEN, BROKEN])
     assert f"Apartment 1–2, ETH 0–1: {BROKEN}" in fit.misfits(shap, STUDY)
+
+    def test_a_remedy_of_its_own_stands_before_that_of_the_other_checks(self):
+        shap = shap_table(FIXED, PAIRS[:1])
+        fit = fit_table(shap, source_points=250.0)
+        late = fit.head(1).assign(check="clean success", grade="red", remedy=checks.AS_ABOVE)
+        said = advice.sentences(shap, pd.concat([late, fit]), None, STUDY)
+        assert said[0] == "What may mend points (not tried): subsampling_probability: 0.3."
+        assert not any(checks.AS_ABOVE in text for text in said)
+        said = advice.sentences(shap, late, None, STUDY)
+        assert said[0] == f"What may mend clean success (not tried): {checks.AS_ABOVE}."
