@@ -1,13 +1,15 @@
 """What the estimators of uncertainty are worth: shares of the true variance, calibration, speed.
 
-    python -m benchmarks.estimators [shares] [calibration] [speed] [--quick]
+    python -m benchmarks.estimators [shares] [calibration] [speed] [lists] [--quick]
 
 shares: what part of the variance of a clean setting each way of holding the sensor's own noise has,
 by direction. The truth is the variance of runs each of which sees fresh noise on both scans; an
 estimate sees one noisy pair, as a user does. calibration: how far a pose scatters over fresh noise,
 in standard deviations of what the estimator says. speed: CPU seconds of a setting and of the
-paper's two experiments, extrapolated from pairs of each size. Real scans are those of the folder
-that ICPSHAP_REAL_DATA names; without it both are of simulated ones alone. The last line is JSON.
+paper's two experiments, extrapolated from pairs of each size. lists: CPU seconds of a setting, of
+the kinds that ask the engine for single matches, and with scipy's k-d tree in its place. Real scans
+are those of the folder that ICPSHAP_REAL_DATA names; without it shares and calibration are of
+simulated ones alone. The last line is JSON.
 """
 
 import argparse
@@ -15,14 +17,16 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import yaml
+from scipy.spatial import cKDTree
 from tabulate import tabulate
 
 from benchmarks import real_pairs
 from benchmarks.icp import PAPER_PAIRS, Clock, simulated_pair
-from icpshap import config, estimators, plan
+from icpshap import config, estimators, icp, plan
 from icpshap.data import simulate
 from icpshap.data.pair import Pair, relative_pose
 from icpshap.estimators.kind import GOOD_STATUS
@@ -46,6 +50,7 @@ WAYS = {
     "closed_form": {"sensor_noise_by": "closed_form"},
     "draws": {"sensor_noise_by": "draws", "noise_draws": 10},
 }
+MATCHING = ("closed_form", "gicp", "stein", "bayesian", "stein_newton")
 TIMED = ("closed_form", "unscented", "gicp", "stein", "bayesian", "stein_newton")
 # Kinds that start at the true pose: settings that differ in the initial pose are computed once.
 FROM_TRUTH = ("closed_form", "gicp")
@@ -253,6 +258,47 @@ def speed(quick):
     return minutes
 
 
+class TreeMatcher(icp.Matcher):
+    """The same matches out of scipy's k-d tree."""
+
+    def __init__(self, reference, matches=1):
+        super().__init__(reference, matches)
+        self._rows = reference.tree.rows
+        self._tree = cKDTree(reference.tree.points[:, :3])
+
+    def __call__(self, points, limit=np.inf):
+        points = points - self.reference.mean
+        distance, found = self._tree.query(
+            points, self.matches, distance_upper_bound=np.sqrt(limit) * (1.0 + 1e-12)
+        )
+        distance, found = (each.reshape(len(points), -1) for each in (distance**2, found))
+        made = np.isfinite(distance)
+        return distance, np.where(made, self._rows[np.where(made, found, 0)], -1)
+
+
+def lists(quick):
+    """CPU seconds of a game's settings with the engine's lists, and with a k-d tree instead."""
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    game = plan.settings({name: (level,) for name, level in INSTANCE.items()}, 1)
+    game = [setting for setting in game if not setting.again]
+    lines, ratios = [], {}
+    for scene, size in (("plain", SIZES[0]), ("plain", SIZES[1]), ("apartment", SIZES[2])):
+        *clouds, T = simulated_pair_in_process(scene, size // (10 if quick else 1))
+        pair = Pair.measured(*clouds, T, real_pairs.PERTURBATION.overlap_distance)
+        for name in MATCHING:
+            preset = blocks()[name].with_options(noise_draws=1)
+            cpu_seconds(pair, preset, game[:1])  # compiles
+            with_lists = cpu_seconds(pair, preset, game)
+            with mock.patch.object(icp, "Matcher", TreeMatcher):
+                with_tree = cpu_seconds(pair, preset, game)
+            ratios[f"lists_gain_{name}_{size}"] = round(with_tree / with_lists, 2)
+            each = [seconds / len(game) for seconds in (with_lists, with_tree)]
+            lines.append([name, f"{size:,}", *map("{:.2f}".format, each), with_tree / with_lists])
+    header = ["estimator", "points", "lists, s a setting", "k-d tree, s", "gain"]
+    print(tabulate(sorted(lines), header, "pipe", floatfmt=".2f"), "\n")
+    return ratios
+
+
 def simulated_pair_in_process(scene, points):
     """`simulated_pair`, which sets the resolution of the laser for the process, and back."""
     resolution = simulate.FULL_RESOLUTION
@@ -264,7 +310,7 @@ def simulated_pair_in_process(scene, points):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("parts", nargs="*", default=["shares", "calibration", "speed"])
+    parser.add_argument("parts", nargs="*", default=["shares", "calibration", "speed", "lists"])
     parser.add_argument("--quick", action="store_true", help="small numbers, to try the program")
     given = parser.parse_args()
     figures = {}
@@ -274,6 +320,8 @@ def main():
         figures |= calibration(3 if given.quick else 20)
     if "speed" in given.parts:
         figures |= speed(given.quick)
+    if "lists" in given.parts:
+        figures |= lists(given.quick)
     print(json.dumps(figures))
 
 

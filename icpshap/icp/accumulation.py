@@ -283,6 +283,31 @@ def _find_thresholds(active, rank, band, sums, threshold):
             threshold[run] = select(values, count, wanted)
 
 
+@jit_borrowing
+def _move_band(points, links, entry, end, threshold, T, run, x, y, z, rows, begin):
+    """Queries and rows of up to PART links of a band not longer than a threshold [m^2].
+
+    entry, end: where the links are; begin: place of the first query. Returns where the next links
+    are, and how many were taken.
+    """
+    r00, r01, r02, tx = T[run, 0, 0], T[run, 0, 1], T[run, 0, 2], T[run, 0, 3]
+    r10, r11, r12, ty = T[run, 1, 0], T[run, 1, 1], T[run, 1, 2], T[run, 1, 3]
+    r20, r21, r22, tz = T[run, 2, 0], T[run, 2, 1], T[run, 2, 2], T[run, 2, 3]
+    taken = 0
+    while entry < end and taken < PART:
+        link = links[np.uint64(entry)]
+        entry += 1
+        if link.distance <= threshold:
+            p, i = np.uint64(link.position), np.uint64(begin + taken)
+            px, py, pz = points[p, 0], points[p, 1], points[p, 2]
+            x[i] = r00 * px + r01 * py + r02 * pz + tx
+            y[i] = r10 * px + r11 * py + r12 * pz + ty
+            z[i] = r20 * px + r21 * py + r22 * pz + tz
+            rows[i] = link.found
+            taken += 1
+    return entry, taken
+
+
 @jit
 def settle(
     surface: np.ndarray,
@@ -316,22 +341,14 @@ def settle(
                 end[lane] = band.start[run] + band.number[run]
         while (entry < end).any():
             for lane in range(LANES):
-                run, filled = lane_run[lane], lane_begin[lane]
-                while entry[lane] < end[lane] and filled < lane_begin[lane] + PART:
-                    link = band_links[entry[lane]]
-                    entry[lane] += 1
-                    if link.distance <= threshold[run]:
-                        p = link.position
-                        x, y, z = points[p, 0], points[p, 1], points[p, 2]
-                        qx[filled] = T[run, 0, 0] * x + T[run, 0, 1] * y + T[run, 0, 2] * z
-                        qy[filled] = T[run, 1, 0] * x + T[run, 1, 1] * y + T[run, 1, 2] * z
-                        qz[filled] = T[run, 2, 0] * x + T[run, 2, 1] * y + T[run, 2, 2] * z
-                        qx[filled] += T[run, 0, 3]
-                        qy[filled] += T[run, 1, 3]
-                        qz[filled] += T[run, 2, 3]
-                        rows[filled] = link.found
-                        filled += 1
-                number[lane] = filled - lane_begin[lane]
+                run = lane_run[lane]
+                if entry[lane] < end[lane]:
+                    entry[lane], number[lane] = _move_band(
+                        *(points, band_links, entry[lane], end[lane], threshold[run]),
+                        *(T, run, qx, qy, qz, rows, lane_begin[lane]),
+                    )
+                else:
+                    number[lane] = 0
                 if run < runs:
                     sums.kept[run] += number[lane]
             add_links(
