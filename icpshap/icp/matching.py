@@ -6,11 +6,11 @@ time. Each list is then read once for all the queries in its cube, sixteen queri
 
 Exactness: the network orders candidates in single precision and tells for which queries it is
 sure of the nearest, and of their order; for the others full distances decide, equal ones by lowest
-index. The k-d
-tree answers the queries outside the lists, and those whose list is too long for the network: which
-way a query is answered cannot be seen in the reference points that are found. Their distances are
-the network's keys, or full distances rounded to such; `keys` says up to which key a full
-distance is surely shorter than a bound, and from which one it is not, whichever way it was found.
+index. The k-d tree answers the queries outside the lists, and those whose list is too long for the
+network: which way a query is answered cannot be seen in the reference points that are found. Their
+distances are the network's keys, or full distances rounded to such; `keys` says up to which key a
+full distance is surely shorter than a bound, and from which one it is not, whichever way it was
+found.
 
 Measured: docs/engine.md.
 """
