@@ -161,8 +161,13 @@ class Plans:
         found = self.variants(experiment)
         return {"variants": found} if found else {}
 
-    def scans_per_file(self, sequence: str) -> int:
-        """The file of a scan is its index by this; one of an archive has its own, since fetched."""
+    def file_of_scan(self, sequence: str, index: int) -> int:
+        """Number of the file that holds a scan."""
+        last = len(self.scan_batches(sequence)) - 1
+        return min(index // self._scans_per_file(sequence), last)
+
+    def _scans_per_file(self, sequence):
+        """One of an archive has its own, since fetched."""
         return 1 if self.config.data[sequence].kind == "archive" else plan.SCANS_PER_JOB
 
     def _scan_batches(self, sequence):
@@ -171,7 +176,7 @@ class Plans:
         Of a file without such a scan, which nothing asks for, all that it may hold.
         """
         known = self.config.data[sequence]
-        everything = plan.batches(range(known.scans), self.scans_per_file(sequence))
+        everything = plan.batches(range(known.scans), self._scans_per_file(sequence))
         if known.registers:
             return everything
         experiments = self.config.experiments.values()
@@ -376,11 +381,21 @@ class Plans:
         found = self.config.experiments[experiment]
         return plan.jobs(
             found.pairs[sequence],
-            found.levels | plan.unknown_levels(found.measured),
+            self._levels(experiment),
             found.replicates,
             self.estimator(experiment).number_of_runs,
             self.config.runs_per_job,
         )
+
+    def _levels(self, experiment):
+        """The levels of an experiment, as far as they are known before there are data."""
+        found = self.config.experiments[experiment]
+        return found.levels | plan.unknown_levels(found.measured)
+
+    def settings(self, experiment: str) -> int:
+        """Number of the settings of each pair of an experiment."""
+        replicates = self.config.experiments[experiment].replicates
+        return len(plan.settings(self._levels(experiment), replicates))
 
     def _job(self, experiment, sequence, job):
         parts = self.jobs(experiment, sequence)[job]

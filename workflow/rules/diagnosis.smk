@@ -18,10 +18,12 @@ rule diagnose_sequence:
         "logs/diagnose_sequence/{experiment}/{sequence}.log",
     benchmark:
         "logs/diagnose_sequence/{experiment}/{sequence}.tsv"
+    wildcard_constraints:
+        experiment=before_many("diagnose_sequence"),
     threads: 1
     resources:
         mem_mb=memory_of_scans(500, 900),
-        runtime=time_of_scans(pairs_of, 30),
+        runtime=time_of_diagnosis,
     params:
         plan=plan_of_diagnosis,
     script:
@@ -45,7 +47,7 @@ rule find_instances:
     threads: 1
     resources:
         mem_mb=memory_of_scans(300, 250),
-        runtime=time_of_scans(pairs_of, 15),
+        runtime=time_of_scans(pairs_of, time_limits.OF_INSTANCE),
     params:
         plan=plan_of_instances,
     script:
