@@ -67,7 +67,7 @@ def tasks(configuration, drive=False):
         return len(found) - 1
 
     for name in loaded.run:
-        for sequence, pairs in loaded.experiments[name].pairs.items():
+        for sequence in loaded.experiments[name].pairs:
             points, of_run = OF_DRIVE if drive else SCANS.get(sequence, OF_OTHERS)
             millions = points / 1e6
             reads = [
@@ -82,8 +82,10 @@ def tasks(configuration, drive=False):
                 )
                 for batch in plans.batches(name, sequence)
             ]
-            seconds = time_limits.seconds_of_diagnosis(len(pairs), points)
-            add(of_sequence("diagnose_sequence"), seconds, checks)
+            for places in plans.diagnosis_batches(name, sequence):
+                among = plans.pairs_beside(name, sequence, places)
+                seconds = time_limits.seconds_of_diagnosis(len(among), points)
+                add(of_sequence("diagnose_pairs"), seconds, checks)
             runs = plans.estimator(name).number_of_runs
             jobs = [[part.stop - part.start for part in job] for job in plans.jobs(name, sequence)]
             registrations = [

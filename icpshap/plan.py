@@ -20,9 +20,11 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 
 # Of a sequence, in one job: scans that are read or simulated, pairs that are measured and checked,
-# and pairs that are registered to make the poses. Each is a minute or a few of large scans.
+# pairs that are diagnosed, and pairs that are registered to make the poses. Each is some minutes of
+# large scans.
 SCANS_PER_JOB = 100
 PAIRS_PER_JOB = 100
+DIAGNOSES_PER_JOB = 200
 REGISTRATIONS_PER_JOB = 20
 # Share of a job of which it is too little to be one: at the end, the one before has it besides.
 TOO_LITTLE = 0.25

@@ -20,7 +20,8 @@ SECONDS = 20
 # The rule of such a job, by the rule of the others.
 RULES = {
     "check_pairs": "check_few_pairs",
-    "diagnose_sequence": "diagnose_few_pairs",
+    "diagnose_pairs": "diagnose_few_pairs",
+    "find_instances": "find_few_instances",
     "explain_sequence": "explain_few_settings",
 }
 # Points of a scan of an archive: those of the Challenging data sets have 367,000 at most.
@@ -35,14 +36,18 @@ def most_points(sequence: Sequence) -> float:
 
 
 def seconds(planner: Plans, experiment: str, sequence: str) -> dict[str, float]:
-    """How long the longest job of a sequence takes at most, by the rules of RULES."""
+    """How long the longest job of a sequence, with a pair, takes at most, by the rules of RULES."""
     config = planner.config
     pairs = len(config.experiments[experiment].pairs[sequence])
     points = most_points(config.data[sequence])
-    of_check = max(map(len, planner.batches(experiment, sequence)), default=0)
+    checked = max(map(len, planner.batches(experiment, sequence)))
+    batches = planner.diagnosis_batches(experiment, sequence)
+    found = max(map(len, batches))
+    among = max(len(planner.pairs_beside(experiment, sequence, places)) for places in batches)
     return {
-        "check_pairs": of_check * points / 1e6 * time_limits.OF_CHECK,
-        "diagnose_sequence": time_limits.seconds_of_diagnosis(pairs, points),
+        "check_pairs": checked * points / 1e6 * time_limits.OF_CHECK,
+        "diagnose_pairs": time_limits.seconds_of_diagnosis(among, points),
+        "find_instances": found * points / 1e6 * time_limits.OF_INSTANCE,
         "explain_sequence": time_limits.seconds_of_explanation(
             pairs * planner.settings(experiment),
             planner.estimator(experiment).number_of_runs,

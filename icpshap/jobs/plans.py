@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from icpshap import causes, options, plan, storage
 from icpshap.data import pair as pair_module
 from icpshap.data.formats import suffix_of
+from icpshap.diagnosis.table import beside
 from icpshap.errors import UserError
 from icpshap.jobs import digests
 from icpshap.tables import TableError
@@ -145,7 +146,17 @@ class Plans:
         self.checks = cache(self._checks_of_batch)
         self.batches = cache(self._batches)
         self.batch_of = cache(self._batch_of)
+        self.diagnosis_batches = cache(self._diagnosis_batches)
+        self.diagnosis_of_batch = cache(self._diagnosis_of_batch)
+        self.diagnosis = cache(self._diagnosis)
+        self.instances_of_batch = cache(self._instances_of_batch)
+        self.instances = cache(self._instances)
         self.explanation = cache(self._explanation)
+        # Functions to the plans of what is found of a batch of pairs, and of all, by table.
+        self.of_diagnosis = {
+            "diagnosis": (self.diagnosis_of_batch, self.diagnosis),
+            "instances": (self.instances_of_batch, self.instances),
+        }
 
     def estimator(self, experiment: str) -> Estimator:
         """The estimator of an experiment, with the causes that it names."""
@@ -335,30 +346,68 @@ class Plans:
             "versions": versions(),
         }
 
-    def diagnosis(self, experiment: str, sequence: str) -> dict[str, Any]:
-        """That of what is wrong with the pairs of a sequence, which no level decides."""
+    def _diagnosis_batches(self, experiment, sequence):
+        """Places, in the order of the sequence, of the pairs of each job that diagnoses them."""
         pairs = self.config.experiments[experiment].pairs[sequence]
+        return plan.batches(range(len(pairs)), plan.DIAGNOSES_PER_JOB)
+
+    def pairs_beside(self, experiment: str, sequence: str, places: range) -> list[tuple[int, int]]:
+        """The pairs at some places of a sequence, with those that they are held against."""
+        pairs = self.config.experiments[experiment].pairs[sequence]
+        return [pairs[place] for place in beside(places, len(pairs))]
+
+    def _diagnosis_of_batch(self, experiment, sequence, batch):
+        """That of what a job finds to be wrong with its pairs."""
+        places = self.diagnosis_batches(experiment, sequence)[batch]
+        return self._diagnosis_of(experiment, sequence, places)
+
+    def _diagnosis_of(self, experiment, sequence, places):
+        pairs = self.config.experiments[experiment].pairs[sequence]
+        among = self.pairs_beside(experiment, sequence, places)
         plugins = {"causes": causes.shown()}
         return {
             "sequence": sequence,
-            "pairs": [list(pair) for pair in pairs],
-            "overlaps": [digest(self.overlap(sequence, pair)) for pair in pairs],
+            "pairs": [list(pairs[place]) for place in places],
+            "among": [list(pair) for pair in among],
+            "overlaps": [digest(self.overlap(sequence, pair)) for pair in among],
             "minimum_range": self.estimator(experiment).perturbing.minimum_range,
             "plugins": plugins,
             "seed": self.config.seed,
-            "code": self.code("diagnose_sequence", *digests.plugins(plugins)),
+            "code": self.code("diagnose_pairs", *digests.plugins(plugins)),
             "versions": versions(),
         }
 
-    def instances(self, experiment: str, sequence: str) -> dict[str, Any]:
-        """That of what is played of each pair, where instances are diagnosed."""
-        found = self.config.experiments[experiment]
-        estimator = self.estimator(experiment)
+    def _diagnosis(self, experiment, sequence):
+        """That of what is wrong with the pairs of a sequence, which no level decides.
+
+        However they are cut into jobs.
+        """
+        places = range(len(self.config.experiments[experiment].pairs[sequence]))
+        found = digest(self._diagnosis_of(experiment, sequence, places))
         return {
             "sequence": sequence,
-            "diagnosis": digest(self.diagnosis(experiment, sequence)),
+            "diagnosis": found,
+            "causes": [],  # that the experiment names: of these the table knows nothing
+            "code": self.code("join_pairs"),
+        }
+
+    def _instances_of_batch(self, experiment, sequence, batch):
+        """That of what is played of the pairs of a job, where instances are diagnosed."""
+        places = self.diagnosis_batches(experiment, sequence)[batch]
+        diagnosis = self.diagnosis_of_batch(experiment, sequence, batch)
+        return self._instances_of(experiment, sequence, places, diagnosis)
+
+    def _instances_of(self, experiment, sequence, places, diagnosis):
+        found = self.config.experiments[experiment]
+        estimator = self.estimator(experiment)
+        among = self.pairs_beside(experiment, sequence, places)
+        return {
+            "sequence": sequence,
+            "among": [list(pair) for pair in among],
+            "diagnosis": digest(diagnosis),
             "levels": {name: list(levels) for name, levels in found.levels.items()},
             "measured": list(found.measured),
+            "causes": [*found.levels, *found.measured],
             **self._variants(experiment),
             "estimator": estimator.decides(),
             "minimum_overlap": self.config.perturbation.minimum_overlap,
@@ -366,6 +415,20 @@ class Plans:
             "seed": self.config.seed,
             "code": self.code("find_instances", *estimator.plugins),
             "versions": versions(),
+        }
+
+    def _instances(self, experiment, sequence):
+        """That of what is played of each pair of a sequence, where instances are diagnosed."""
+        places = range(len(self.config.experiments[experiment].pairs[sequence]))
+        whole = self._diagnosis_of(experiment, sequence, places)
+        found = self._instances_of(experiment, sequence, places, whole)
+        return {
+            "sequence": sequence,
+            "instances": digest(found),
+            "measured": found["measured"],
+            "causes": found["causes"],
+            **self._variants(experiment),
+            "code": self.code("join_pairs"),
         }
 
     def _here(self, experiment, sequence):
@@ -469,6 +532,12 @@ class Plans:
         """Digest of the plan of each job that checks pairs."""
         batches = range(len(self.batches(experiment, sequence)))
         return [digest(self.checks(experiment, sequence, batch)) for batch in batches]
+
+    def batch_digests(self, experiment: str, sequence: str, table: str) -> list[str]:
+        """Digest of the plan of each job that finds the diagnosis or the instances of pairs."""
+        of_batch, _ = self.of_diagnosis[table]
+        batches = range(len(self.diagnosis_batches(experiment, sequence)))
+        return [digest(of_batch(experiment, sequence, batch)) for batch in batches]
 
     def _explanation(self, experiment, sequence):
         found = self.config.experiments[experiment]

@@ -271,8 +271,8 @@ class TestHere:
     def test_the_plan_of_all_names_the_same_instances(self):
         planner = self.planner()
         instances = digest(planner.instances(self.NAME, self.SEQUENCE))
-        made = planner.instances(self.NAME, self.SEQUENCE)
-        assert made["diagnosis"] == digest(planner.diagnosis(self.NAME, self.SEQUENCE))
+        made = planner.instances_of_batch(self.NAME, self.SEQUENCE, 0)
+        assert made["diagnosis"] == digest(planner.diagnosis_of_batch(self.NAME, self.SEQUENCE, 0))
         for plan in (
             planner.job(self.NAME, self.SEQUENCE, 0),
             planner.explanation(self.NAME, self.SEQUENCE),

@@ -34,7 +34,6 @@ if IS_MODULE and os.path.isdir(f"{ROOT}/icpshap"):
 from icpshap import config as configuration, options, selection, storage
 from icpshap.data import citation
 from icpshap.data.folder import find_files
-from icpshap.diagnosis.table import NEIGHBOURS
 from icpshap.errors import DataError, UserError
 from icpshap.jobs import digests, few, parents, paths, progress, start, time_limits
 from icpshap.jobs.plans import Plans, is_settled
@@ -230,12 +229,18 @@ def pairs_of_job(wildcards):
         return found
     known = pairs_of(wildcards)
     first, last = (known.index(pair) for pair in (found[0], found[-1]))
-    return known[max(first - NEIGHBOURS, 0) : last + NEIGHBOURS + 1]
+    return PLANS.pairs_beside(wildcards.experiment, wildcards.sequence, range(first, last + 1))
 
 
 def pairs_of_batch(wildcards):
     """The pairs of a job that measures and checks them."""
     return PLANS.batches(wildcards.experiment, wildcards.sequence)[int(wildcards.batch)]
+
+
+def pairs_beside(wildcards):
+    """The pairs that a job reads which diagnoses some: also those that these are held against."""
+    names = wildcards.experiment, wildcards.sequence
+    return PLANS.pairs_beside(*names, PLANS.diagnosis_batches(*names)[int(wildcards.batch)])
 
 
 def pairs_of_registrations(wildcards):
@@ -369,11 +374,28 @@ def plan_of_checks(wildcards):
 
 
 def plan_of_diagnosis(wildcards):
-    return PLANS.diagnosis(wildcards.experiment, wildcards.sequence)
+    names = wildcards.experiment, wildcards.sequence
+    return PLANS.diagnosis_of_batch(*names, int(wildcards.batch))
 
 
 def plan_of_instances(wildcards):
-    return PLANS.instances(wildcards.experiment, wildcards.sequence)
+    names = wildcards.experiment, wildcards.sequence
+    return PLANS.instances_of_batch(*names, int(wildcards.batch))
+
+
+def files_of_batches(wildcards):
+    """What jobs found of some pairs each, for a table of all pairs: diagnosis or instances."""
+    batches = range(len(PLANS.diagnosis_batches(wildcards.experiment, wildcards.sequence)))
+    return [at(paths.OF_BATCH, **dict(wildcards.items()), batch=batch) for batch in batches]
+
+
+def plan_of_joined_pairs(wildcards):
+    _, of_all = PLANS.of_diagnosis[wildcards.table]
+    return of_all(wildcards.experiment, wildcards.sequence)
+
+
+def digests_of_batches(wildcards):
+    return PLANS.batch_digests(wildcards.experiment, wildcards.sequence, wildcards.table)
 
 
 def instances_of(wildcards):
@@ -464,8 +486,8 @@ def time_of_registrations(wildcards, input, attempt):
 
 
 def time_of_diagnosis(wildcards, input, attempt):
-    """Resource runtime of diagnosing the pairs of a sequence."""
-    work = len(pairs_of(wildcards)), largest_scan(input)
+    """Resource runtime of diagnosing some pairs of a sequence."""
+    work = len(pairs_beside(wildcards)), largest_scan(input)
     return time_limits.minutes(time_limits.seconds_of_diagnosis(*work), attempt)
 
 

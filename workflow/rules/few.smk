@@ -9,9 +9,14 @@ use rule check_pairs as check_few_pairs with:
         experiment=before_few("check_pairs"),
 
 
-use rule diagnose_sequence as diagnose_few_pairs with:
+use rule diagnose_pairs as diagnose_few_pairs with:
     wildcard_constraints:
-        experiment=before_few("diagnose_sequence"),
+        experiment=before_few("diagnose_pairs"),
+
+
+use rule find_instances as find_few_instances with:
+    wildcard_constraints:
+        experiment=before_few("find_instances"),
 
 
 use rule explain_sequence as explain_few_settings with:
