@@ -7,7 +7,7 @@ results/{experiment}/{sequence}/figures/diagnosis.{png,svg,txt}
 """
 
 DIAGNOSED = at(paths.OF_BATCH, table="diagnosis")
-FOUND = at(paths.OF_BATCH, table="instances")
+FOUND_INSTANCES = at(paths.OF_BATCH, table="instances")
 
 
 rule diagnose_pairs:
@@ -38,11 +38,13 @@ rule find_instances:
     """Say what is played of some pairs: the levels that were diagnosed, and on which pair."""
     input:
         diagnosis=DIAGNOSED,
-        scans=of_old(FOUND, plan_of_instances, scans_for(pairs_beside)),
-        poses=of_old(FOUND, plan_of_instances, poses_of),
-        overlaps=of_old(FOUND, plan_of_instances, checks_for(paths.OVERLAPS, pairs_beside)),
+        scans=of_old(FOUND_INSTANCES, plan_of_instances, scans_for(pairs_beside)),
+        poses=of_old(FOUND_INSTANCES, plan_of_instances, poses_of),
+        overlaps=of_old(
+            FOUND_INSTANCES, plan_of_instances, checks_for(paths.OVERLAPS, pairs_beside)
+        ),
     output:
-        FOUND,
+        FOUND_INSTANCES,
     log:
         "logs/find_instances/{experiment}/{sequence}/{batch}.log",
     benchmark:
