@@ -1,5 +1,6 @@
 """What is diagnosed in several jobs is, joined, what one job would find, to the byte."""
 
+import logging
 import sys
 from contextlib import chdir
 from pathlib import Path
@@ -13,7 +14,7 @@ from benchmarks.faults.in_process import merged, script
 from icpshap import config as configuration
 from icpshap import plan, tables
 from icpshap.diagnosis import table
-from icpshap.jobs import paths, start
+from icpshap.jobs import paths, progress, start
 from icpshap.jobs.paths import at
 from icpshap.jobs.plans import Plans
 from icpshap.tables import TableError
@@ -69,7 +70,20 @@ def near():
 
 
 @pytest.fixture(scope="module")
-def by_one(folder):
+def log(near):
+    """What the jobs' logs say."""
+    handler, lines = logging.Handler(logging.INFO), []
+    handler.emit = lambda record: lines.append(record.getMessage())
+    logger = logging.getLogger()
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(progress, "SECONDS", -1)  # each line that might be said is
+        patched.setattr(logger, "level", logging.INFO)
+        patched.setattr(logger, "handlers", [*logger.handlers, handler])
+        yield lines
+
+
+@pytest.fixture(scope="module")
+def by_one(folder, log):
     """Bytes of both tables, as one job finds them."""
     return diagnosed(folder, SCANS - 1)
 
@@ -117,6 +131,12 @@ def test_no_byte_depends_on_how_pairs_are_cut_into_jobs(folder, by_one, by_three
     found = tables.read(folder / at(paths.DIAGNOSIS, **NAMES), "diagnosis")
     assert list(found.reference) == list(range(SCANS - 1)) and (found.healthy_pairs == 2).all()
     assert len(tables.read(folder / at(paths.INSTANCES, **NAMES), "instances")) == SCANS - 1
+
+
+def test_a_job_says_how_far_it_is(by_one, log):
+    for number in range(1, SCANS):
+        said = f"{number} of {SCANS - 1} pairs, "
+        assert sum(line.startswith(said) for line in log) == 2  # diagnosis, and instances
 
 
 def test_a_part_of_another_plan_is_not_joined(folder, by_three, monkeypatch):
