@@ -49,7 +49,7 @@ def noisy(shap):
 
 
 def test_jobs_are_known_before_there_are_data(finished):
-    assert finished.planned_before["run_icp"] == 3
+    assert finished.planned_before["run_icp"] == 2
     assert finished.planned_before["find_instances"] == 1
     assert "Nothing to be done" in finished.run("--configfile", "tiny_here.yaml")
 
