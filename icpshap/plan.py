@@ -25,6 +25,9 @@ Item = TypeVar("Item")
 SCANS_PER_JOB = 100
 PAIRS_PER_JOB = 100
 DIAGNOSES_PER_JOB = 200
+# Pairs that a pair is held against where it is diagnosed, none of them farther than that in the
+# order of the sequence: a drive goes elsewhere.
+NEIGHBOURS = 16
 REGISTRATIONS_PER_JOB = 20
 # Share of a job of which it is too little to be one: at the end, the one before has it besides.
 TOO_LITTLE = 0.25
@@ -168,6 +171,17 @@ def batches(items: Sequence[Item], size: int) -> list[Sequence[Item]]:
     if len(starts) > 1 and len(items) - starts[-1] < TOO_LITTLE * size:
         starts.pop()
     return [items[start:stop] for start, stop in pairwise([*starts, len(items)])]
+
+
+def beside(places: range, number: int) -> range:
+    """Of so many pairs of a sequence those at some places, with all that they are held against.
+
+    >>> beside(range(100, 200), 1000)
+    range(84, 216)
+    >>> beside(range(0, 3), 4)
+    range(0, 4)
+    """
+    return range(max(0, places.start - NEIGHBOURS), min(number, places.stop + NEIGHBOURS))
 
 
 def _add(job, pair, start, stop):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from icpshap import causes
+from icpshap import causes, plan
 from icpshap.diagnosis.diagnose import diagnose
 from icpshap.diagnosis.diagnostics import NUMBERS
 from icpshap.explanation.directions import VECTOR, in_words
@@ -15,30 +15,14 @@ if TYPE_CHECKING:
     from icpshap.estimators import perturb
 
 
-# Pairs that a pair is held against, none of them farther than that in the order of the sequence: a
-# drive goes elsewhere.
-NEIGHBOURS = 16
-
-
-def beside(places: range, number: int) -> range:
-    """Of so many pairs of a sequence those at some places, with all that they are held against.
-
-    >>> beside(range(100, 200), 1000)
-    range(84, 216)
-    >>> beside(range(0, 3), 4)
-    range(0, 4)
-    """
-    return range(max(0, places.start - NEIGHBOURS), min(number, places.stop + NEIGHBOURS))
-
-
 def row_of(known: Sequence[Known], place: int) -> dict[str, Any]:
     """The row of a pair of a sequence, by column.
 
-    known: pairs in the order of the sequence, all that are `beside` it at least; place: the pair's
-    among them. Numbers of a pair that cannot be measured are NaN.
+    known: pairs in the order of the sequence, all that are `plan.beside` it at least; place: the
+    pair's among them. Numbers of a pair that cannot be measured are NaN.
     """
-    around = beside(range(place, place + 1), len(known))
-    near = sorted(around, key=lambda other: abs(other - place))[1 : NEIGHBOURS + 1]
+    around = plan.beside(range(place, place + 1), len(known))
+    near = sorted(around, key=lambda other: abs(other - place))[1 : plan.NEIGHBOURS + 1]
     found = diagnose(known[place], [known[other] for other in near])
     healthiest = None if found.healthiest is None else known[near[found.healthiest]].streams
     return row(found, known[place].streams, healthiest)

@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Any
 from icpshap import causes, options, plan, storage
 from icpshap.data import pair as pair_module
 from icpshap.data.formats import suffix_of
-from icpshap.diagnosis.table import beside
 from icpshap.errors import UserError
 from icpshap.jobs import digests
 from icpshap.tables import TableError
@@ -354,7 +353,7 @@ class Plans:
     def pairs_beside(self, experiment: str, sequence: str, places: range) -> list[tuple[int, int]]:
         """The pairs at some places of a sequence, with those that they are held against."""
         pairs = self.config.experiments[experiment].pairs[sequence]
-        return [pairs[place] for place in beside(places, len(pairs))]
+        return [pairs[place] for place in plan.beside(places, len(pairs))]
 
     def _diagnosis_of_batch(self, experiment, sequence, batch):
         """That of what a job finds to be wrong with its pairs."""

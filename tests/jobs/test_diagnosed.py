@@ -13,7 +13,6 @@ from conftest import REPOSITORY
 from benchmarks.faults.in_process import merged, script
 from icpshap import config as configuration
 from icpshap import plan, tables
-from icpshap.diagnosis import table
 from icpshap.jobs import paths, progress, start
 from icpshap.jobs.paths import at
 from icpshap.jobs.plans import Plans
@@ -65,7 +64,7 @@ def folder(tmp_path_factory):
 def near():
     """A pair is held against two, so that a job of two does not know all of the sequence."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(table, "NEIGHBOURS", 2)
+        patched.setattr(plan, "NEIGHBOURS", 2)
         yield
 
 
@@ -175,7 +174,7 @@ def test_a_run_puts_aside_the_parts_of_another_plan_and_names_those_of_none(
 
 @pytest.fixture
 def usual(monkeypatch):
-    monkeypatch.setattr(table, "NEIGHBOURS", 16)
+    monkeypatch.setattr(plan, "NEIGHBOURS", 16)
 
 
 @pytest.mark.usefixtures("usual")
