@@ -114,6 +114,13 @@ def plans(quick):
     return rows
 
 
+def short_jobs_of_paper():
+    """Jobs of the paper, once fetched, under 20 s: of local rules, and of others."""
+    jobs, *_ = planned()
+    jobs = {rule: count for rule, count in jobs.items() if rule not in FETCHING}
+    return planned_work.short_jobs(jobs, planned_work.paper())
+
+
 @cache
 def measured_pair(points):
     reference, source, T = simulated_pair("apartment", points)
@@ -213,6 +220,8 @@ def main():
         paper, kitti = planned_rows[0], planned_rows[2]
         found |= {"paper_jobs": paper["jobs"], "kitti_jobs": kitti["jobs"]}
         found |= {"kitti_plan_seconds": kitti["seconds"], "kitti_plan_mb": kitti["MB"]}
+        local, not_local = short_jobs_of_paper()
+        found |= {"paper_short_jobs": local + not_local, "paper_short_jobs_not_local": not_local}
         found["overhead_share"] = overhead_share(paper["jobs"])
     if "cost" in parts:
         cost_rows = costs(options.quick)

@@ -20,10 +20,17 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 
 # Of a sequence, in one job: scans that are read or simulated, pairs that are measured and checked,
-# and pairs that are registered to make the poses. Each is a minute or a few of large scans.
+# pairs that are diagnosed, and pairs that are registered to make the poses. Each is some minutes of
+# large scans.
 SCANS_PER_JOB = 100
 PAIRS_PER_JOB = 100
+DIAGNOSES_PER_JOB = 200
+# Pairs that a pair is held against where it is diagnosed, none of them farther than that in the
+# order of the sequence: a drive goes elsewhere.
+NEIGHBOURS = 16
 REGISTRATIONS_PER_JOB = 20
+# Share of a job of which it is too little to be one: at the end, the one before has it besides.
+TOO_LITTLE = 0.25
 
 
 @dataclass(frozen=True)
@@ -129,8 +136,9 @@ def jobs(
     """The settings of the pairs of a sequence cut into jobs of at most `runs_per_job` runs.
 
     A job is a list of `Part`s. Settings that share the perturbed reference and its search index
-    stay together where they fit, and are cut evenly where they do not. A pair that is added at the
-    end changes no job but the last.
+    stay together where they fit, and are cut evenly where they do not. Where less than a quarter of
+    a job is left at the end, the one before has it besides. A pair that is added at the end changes
+    no job but the last.
     """
     size = max(1, runs_per_job // runs)
     bounds = _bounds(settings(levels, replicates), causes.named(levels), size)
@@ -142,18 +150,44 @@ def jobs(
                 found.append({})
                 room = size
             room -= stop - start
-            first, _ = found[-1].get(pair, (start, stop))
-            found[-1][pair] = first, stop
+            _add(found[-1], pair, start, stop)
+    if len(found) > 1 and size - room < TOO_LITTLE * size:
+        for pair, ends in found.pop().items():
+            _add(found[-1], pair, *ends)
     return [[Part(pair, *ends) for pair, ends in job.items()] for job in found]
 
 
 def batches(items: Sequence[Item], size: int) -> list[Sequence[Item]]:
     """A list cut into lists of `size` items; more items at its end change no list but the last.
 
+    Which has up to a quarter more, since less than that is no list of its own.
+
     >>> batches([1, 2, 3, 4, 5], 2)
     [[1, 2], [3, 4], [5]]
+    >>> batches("abcdefghijk", 5)
+    ['abcde', 'fghijk']
     """
-    return [items[start : start + size] for start in range(0, len(items), size)]
+    starts = list(range(0, len(items), size))
+    if len(starts) > 1 and len(items) - starts[-1] < TOO_LITTLE * size:
+        starts.pop()
+    return [items[start:stop] for start, stop in pairwise([*starts, len(items)])]
+
+
+def beside(places: range, number: int) -> range:
+    """Of so many pairs of a sequence those at some places, with all that they are held against.
+
+    >>> beside(range(100, 200), 1000)
+    range(84, 216)
+    >>> beside(range(0, 3), 4)
+    range(0, 4)
+    """
+    return range(max(0, places.start - NEIGHBOURS), min(number, places.stop + NEIGHBOURS))
+
+
+def _add(job, pair, start, stop):
+    """Put settings `start` to `stop` - 1 of a pair into a job, behind those that it has of it."""
+    first, _ = job.get(pair, (start, stop))
+    job[pair] = first, stop
 
 
 def _by_reference(players):

@@ -364,7 +364,8 @@ class TopLevel:
     run: list = option(REQUIRED, "Which experiments of `experiments` to run", schema=NAMES)
     runs_per_job: int = option(
         REQUIRED,
-        "ICP runs of one job, at most. It changes how the work is cut, never a number",
+        "ICP runs of one job, at most; the last of a sequence may have a quarter more. It changes "
+        "how the work is cut, never a number",
         minimum=1,
         maximum=10**9,
     )

@@ -5,9 +5,12 @@ import re
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from hashlib import sha256
 
 from conftest import REPOSITORY
+
+from icpshap.jobs import few
 
 TINY = REPOSITORY / "tests" / "tiny.yaml"
 TINY_ESTIMATORS = TINY.with_name("tiny_estimators.yaml")
@@ -55,15 +58,28 @@ class Project:
         return self.run("--configfile", "tiny.yaml", *arguments, **keywords)
 
     def planned(self, *arguments):
-        """Jobs by rule that a dry run plans."""
-        said = self.run("-n", *arguments)
-        return {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", said, re.M)}
+        """Jobs by rule that a dry run plans; those of few pairs are with the others."""
+        return together(planned_jobs(self.run("-n", *arguments)))
 
     def digests(self, pattern):
         return {
             str(path.relative_to(self.folder)): sha256(path.read_bytes()).hexdigest()
             for path in sorted(self.folder.glob(pattern))
         }
+
+
+def planned_jobs(said):
+    """Jobs by rule, as a dry run says them."""
+    return {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", said, re.M)}
+
+
+def together(jobs):
+    """Jobs by rule, those of few pairs with those of the rule whose files they make."""
+    rules = {of_few: rule for rule, of_few in few.RULES.items()}
+    found = Counter()
+    for rule, count in jobs.items():
+        found[rules.get(rule, rule)] += count
+    return dict(found)
 
 
 def change(path, old, new):

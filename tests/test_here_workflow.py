@@ -49,7 +49,7 @@ def noisy(shap):
 
 
 def test_jobs_are_known_before_there_are_data(finished):
-    assert finished.planned_before["run_icp"] == 3
+    assert finished.planned_before["run_icp"] == 2
     assert finished.planned_before["find_instances"] == 1
     assert "Nothing to be done" in finished.run("--configfile", "tiny_here.yaml")
 
@@ -128,7 +128,7 @@ def test_its_covariances_are_not_exported_as_those_of_the_pairs(finished, capsys
 
 def test_another_diagnosis_plans_all_again(finished):
     changed = finished.planned("--configfile", "tiny_here.yaml", "--config", "seed=7")
-    assert {"diagnose_sequence", "find_instances", "run_icp"} <= set(changed)
+    assert {"diagnose_pairs", "find_instances", "join_pairs", "run_icp"} <= set(changed)
 
 
 def test_what_is_finished_so_far_is_the_same(finished, shap):

@@ -1,7 +1,6 @@
 """The workflow as a module of another, in another folder and with that one's configuration."""
 
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -9,7 +8,7 @@ import sys
 import pytest
 import yaml
 from conftest import REPOSITORY
-from project import CODE, TINY
+from project import CODE, TINY, planned_jobs
 
 SNAKEFILE = """
 configfile: "mine.yaml"
@@ -81,8 +80,11 @@ def hosted(folder):
 def test_of_a_clone_the_module_brings_the_library(folder):
     (folder / "Snakefile").write_text(SNAKEFILE.format(snakefile=f'"{REPOSITORY}/Snakefile"'))
     said = run(folder, "-n")
-    planned = {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", said, re.M)}
-    assert planned["run_icp"] > 1 and planned["report"] == planned["explain_sequence"] == 1
+    planned = planned_jobs(said)
+    assert planned["run_icp"] > 1 and planned["report"] == planned["explain_few_settings"] == 1
+    # Named on the command line, a rule is that of all of its files.
+    planned = planned_jobs(run(folder, "-n", "--forcerun", "explain_sequence"))
+    assert planned["explain_sequence"] == 1 and "explain_few_settings" not in planned
     run(folder, "mine.txt")
     assert (folder / "mine.txt").read_text() == "resources/tiny_room/scans/0.parquet\n"
 

@@ -1,5 +1,7 @@
 """Which settings are run, and how they are cut into jobs."""
 
+from itertools import accumulate, pairwise
+
 import pytest
 
 from icpshap import plan
@@ -64,8 +66,37 @@ def test_jobs_hold_every_setting_of_every_pair_once_and_stay_small(runs_per_job)
     jobs = plan.jobs(PAIRS, LEVELS, 2, runs=100, runs_per_job=runs_per_job)
     for pair in PAIRS:
         assert all_settings(jobs, pair) == list(range(len(plan.settings(LEVELS, 2))))
-    sizes = [sum(part.stop - part.start for part in job) for job in jobs]
-    assert all(0 < size <= max(1, runs_per_job // 100) for size in sizes)
+    *sizes, last = [sum(part.stop - part.start for part in job) for job in jobs]
+    most = max(1, runs_per_job // 100)
+    assert all(0 < size <= most for size in sizes) and 0 < last < 1.25 * most + 1
+
+
+@pytest.mark.parametrize(
+    ("pairs", "expected"), [(14, [10, 4]), (12, [12]), (22, [10, 12]), (2, [2])]
+)
+def test_what_is_too_little_for_a_job_is_in_the_one_before(pairs, expected):
+    """Pairs of 9 settings, 10 to a job of at most 9,000 runs."""
+    fixed = {name: values[-1:] for name, values in LEVELS.items()}
+    jobs = plan.jobs([(k, k + 1) for k in range(pairs)], fixed, 1, 100, 9000)
+    assert [len(job) for job in jobs] == expected
+    assert plan.batches(range(pairs), 10) == [range(*ends) for ends in _ends(expected)]
+
+
+def _ends(sizes):
+    stops = list(accumulate(sizes))
+    return pairwise([0, *stops])
+
+
+def test_what_is_left_of_a_pair_is_in_the_job_before_as_one_part():
+    levels = {"sensor_noise": (0.01, 0.02, 0.03, 0.04, 0.05), "initial_pose": (1.5,)}
+    assert plan.jobs([(0, 1)], levels, 1, 100, 1100) == [[plan.Part((0, 1), 0, 13)]]
+
+
+@pytest.mark.parametrize("items", range(1, 40))
+def test_an_item_added_at_the_end_changes_no_batch_but_the_last(items):
+    before, after = (plan.batches(range(number), 10) for number in (items, items + 1))
+    assert after[: len(before) - 1] == before[:-1]
+    assert [k for batch in before for k in batch] == list(range(items))
 
 
 def test_reference_levels_stay_whole_where_they_fit():
@@ -85,9 +116,12 @@ def test_pairs_of_few_settings_share_a_job():
 
 @pytest.mark.parametrize("runs_per_job", [300, 900, 2500, 4000])
 def test_a_pair_added_at_the_end_changes_no_job_but_the_last(runs_per_job):
-    before = plan.jobs(PAIRS, LEVELS, 1, 100, runs_per_job)
-    after = plan.jobs([*PAIRS, (3, 4)], LEVELS, 1, 100, runs_per_job)
-    assert after[: len(before) - 1] == before[:-1]
+    pairs = [(k, k + 1) for k in range(12)]
+    for number in range(1, 12):
+        before, after = (
+            plan.jobs(pairs[:n], LEVELS, 1, 100, runs_per_job) for n in (number, number + 1)
+        )
+        assert after[: len(before) - 1] == before[:-1]
 
 
 def test_settings_that_share_a_reference_stand_together(monkeypatch):

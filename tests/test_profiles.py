@@ -8,6 +8,9 @@ import yaml
 from conftest import REPOSITORY
 from project import Project
 
+from benchmarks.planned_work import local_rules
+from icpshap.jobs import few
+
 PROFILE = REPOSITORY / "profiles" / "slurm" / "profile.yaml"
 PLUGIN = re.compile(r"snakemake-executor-plugin-slurm==([\d.]+)")
 RULE = re.compile(r"^rule (\w+):\n(.*?)(?=^\S|\Z)", re.M | re.S)
@@ -19,14 +22,14 @@ def rules():
     return dict(RULE.findall("".join(f"{text}\n" for text in texts)))
 
 
-def local_rules():
-    text = (REPOSITORY / "workflow" / "Snakefile").read_text()
-    block = re.search(r"^localrules:\n((?:    \w+,\n)+)", text, re.M)[1]
-    return set(re.findall(r"\w+", block))
-
-
 def test_every_local_rule_is_a_rule():
-    assert local_rules() - {"all"} <= set(rules())
+    assert local_rules() - {"all", *few.RULES.values()} <= set(rules())
+
+
+def test_every_rule_of_few_pairs_is_that_of_many_but_for_its_sequences():
+    text = (REPOSITORY / "workflow/rules/few.smk").read_text()
+    made = re.findall(r"^use rule (\w+) as (\w+) with:\n    wildcard_constraints:\n", text, re.M)
+    assert dict(made) == few.RULES
 
 
 @pytest.mark.parametrize("name", sorted(set(rules()) - local_rules()))

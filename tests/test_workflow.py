@@ -1,5 +1,6 @@
 """The whole workflow, as a user runs it, on tiny clouds."""
 
+import logging
 import shutil
 from pathlib import Path
 
@@ -7,9 +8,11 @@ import pandas as pd
 import pytest
 import yaml
 from conftest import REPOSITORY
-from project import TINY, TINY_ESTIMATORS, Project, change
+from project import TINY, TINY_ESTIMATORS, Project, change, planned_jobs
 
+from benchmarks.faults import in_process
 from icpshap import cli
+from icpshap.jobs import progress
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +79,25 @@ def test_logs_are_written_where_the_rule_says(finished):
     assert (logs / "run_icp" / "tiny_grid" / "tiny_room" / "0.log").is_file()
     said = (logs / "check_pairs" / "tiny_grid" / "tiny_room" / "0.log").read_text()
     assert said.startswith("overlap 0.")
+
+
+def test_an_explanation_says_how_far_it_is(finished, tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(progress, "SECONDS", -1)  # each line that might be said is
+    caplog.set_level(logging.INFO)
+    config = yaml.safe_load((finished.folder / "tiny.yaml").read_text())
+    with in_process.inside(finished.folder):
+        found = in_process.planner(config)
+        in_process.explain(found, "tiny_fixed", "tiny_stairs", tmp_path)
+    said = [record.getMessage() for record in caplog.records]
+    assert [line.partition(",")[0] for line in said] == ["1 of 2 pairs", "2 of 2 pairs"]
+
+
+def test_a_rule_that_the_command_line_names_makes_all_of_its_files(finished):
+    targets = ("-n", "--configfile", "tiny.yaml")
+    said = planned_jobs(finished.run(*targets, "--forcerun", "explain_sequence"))
+    assert said["explain_sequence"] == 4 and "explain_few_settings" not in said
+    said = planned_jobs(finished.run(*targets, "--forcerun", "explain_few_settings"))
+    assert said["explain_few_settings"] == 4 and "explain_sequence" not in said
 
 
 def test_a_second_run_has_nothing_to_do(finished):

@@ -72,6 +72,7 @@ def simulations(of_jobs):
         plans.append((f"a drive of {scale.KITTI:,} scans", number, found))
     rows = []
     for name, number, tasks in plans:
+        tasks = planned_work.submitted(tasks)
         for cores in CORES:
             found = simulated(tasks, cores, of_jobs)
             row = {"plan": name, "runs_per_job": number, "jobs": len(tasks), "cores": cores}

@@ -11,15 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import pandas as pd
-
 from icpshap.causes import CAUSES, named
 from icpshap.diagnosis.diagnose import SHEET
 from icpshap.diagnosis.verdict import FOUND, UNDECIDED, UNKNOWN
 from icpshap.errors import PerturbationError
 from icpshap.estimators.perturb import require_points
 from icpshap.plan import Setting
-from icpshap.tables import NO_PAIR, PLAYED
+from icpshap.tables import NO_PAIR, PAIR, PLAYED
 
 if TYPE_CHECKING:
     from icpshap.data.pair import Pair
@@ -91,23 +89,21 @@ def applied(
     return found
 
 
-def table(
-    diagnosis: pd.DataFrame,
+def row_of(
+    diagnosed: Any,
     told: Mapping[str, float],
     load: Callable[[tuple[int, int]], Pair],
     estimator: Estimator,
     streams: Callable[[tuple[int, int]], perturb.Streams],
     minimum_overlap: float,
-) -> pd.DataFrame:
-    """The table `instances` of a table `diagnosis`; streams: function of the indices of a pair."""
-    rows = []
-    for row in diagnosis.itertuples():
-        found = instance(row, told)
-        of_pair = (estimator, streams(found.played), minimum_overlap)
-        found = applied(found, load, *of_pair)
-        named_ = {"sequence": row.sequence, "reference": row.reference, "source": row.source}
-        rows.append({**named_, **found.columns})
-    return pd.DataFrame(rows)
+) -> dict[str, Any]:
+    """The row of the table `instances` of a row of the table `diagnosis`, by column.
+
+    streams: function of the indices of a pair.
+    """
+    found = instance(diagnosed, told)
+    found = applied(found, load, estimator, streams(found.played), minimum_overlap)
+    return {**{name: getattr(diagnosed, name) for name in PAIR}, **found.columns}
 
 
 def _found(row, name):

@@ -2,41 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd
-
-from icpshap import causes
-from icpshap.diagnosis.diagnose import Known, diagnose
+from icpshap import causes, plan
+from icpshap.diagnosis.diagnose import diagnose
 from icpshap.diagnosis.diagnostics import NUMBERS
 from icpshap.explanation.directions import VECTOR, in_words
 
 if TYPE_CHECKING:
-    from icpshap.data.pair import Pair
-    from icpshap.diagnosis.diagnose import Diagnosis
+    from icpshap.diagnosis.diagnose import Diagnosis, Known
     from icpshap.estimators import perturb
 
 
-# Pairs that a pair is held against, none of them farther than that in the order of the sequence: a
-# drive goes elsewhere.
-NEIGHBOURS = 16
+def row_of(known: Sequence[Known], place: int) -> dict[str, Any]:
+    """The row of a pair of a sequence, by column.
 
-
-def table(loads: Sequence[Callable[[], Pair]], streams: Sequence[perturb.Streams]) -> pd.DataFrame:
-    """The table of pairs in their order: functions that load each, and its perturb.Streams.
-
-    A row may be of a pair that cannot be measured; its numbers are NaN then.
+    known: pairs in the order of the sequence, all that are `plan.beside` it at least; place: the
+    pair's among them. Numbers of a pair that cannot be measured are NaN.
     """
-    known = [Known(load, of_pair) for load, of_pair in zip(loads, streams, strict=True)]
-    rows = []
-    for place, one in enumerate(known):
-        around = range(max(0, place - NEIGHBOURS), min(len(known), place + NEIGHBOURS + 1))
-        near = sorted(around, key=lambda other: abs(other - place))[1 : NEIGHBOURS + 1]
-        found = diagnose(one, [known[other] for other in near])
-        healthiest = None if found.healthiest is None else streams[near[found.healthiest]]
-        rows.append(row(found, streams[place], healthiest))
-    return pd.DataFrame(rows)
+    around = plan.beside(range(place, place + 1), len(known))
+    near = sorted(around, key=lambda other: abs(other - place))[1 : plan.NEIGHBOURS + 1]
+    found = diagnose(known[place], [known[other] for other in near])
+    healthiest = None if found.healthiest is None else known[near[found.healthiest]].streams
+    return row(found, known[place].streams, healthiest)
 
 
 def row(

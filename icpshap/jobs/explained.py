@@ -11,6 +11,7 @@ from icpshap.explanation import games
 from icpshap.explanation.method import Method
 from icpshap.fit import checks
 from icpshap.jobs import plans, played
+from icpshap.jobs.progress import in_turn
 from icpshap.tables import PAIR
 
 
@@ -44,19 +45,23 @@ def explained(
     rows = played.by_pair(pairs)
     made = {"pairs": [pairs], **{name: [] for name in games.Explanation._fields}}
     made["resampled"] = [tables.empty("resampled", causes, planned)]
-    for indices, game in found.items():
-        if only is not None and indices not in only:
-            continue
+
+    def explain(indices):
+        game = found[indices]
         instances = pd.DataFrame(plan.instances(game.levels), columns=causes)
         instances = instances.rename_axis("instance").reset_index()
         returned = (runs.get(indices), estimates.get(indices))
         read_by = (planned["off"], Returns(**planned["returns"]), method)
         arguments = (*returned, instances, *read_by, played.scan_pair(game, rows, planned))
         of_pair = games.explain(*arguments, game.reason)._asdict()
+        if not game.reason:
+            of_pair["resampled"] = games.resampled_values(*arguments)
+        return of_pair
+
+    chosen = [indices for indices in found if only is None or indices in only]
+    for of_pair in in_turn(chosen, explain, "pairs"):
         for table, frame in of_pair.items():
             made[table].append(frame)
-        if not game.reason:
-            made["resampled"].append(games.resampled_values(*arguments))
     joined = {table: pd.concat(frames, ignore_index=True) for table, frames in made.items()}
     numbers = tables.read_all(paths.fit, "fit_numbers")
     run = played.as_run(joined["uncertainty"], planned)

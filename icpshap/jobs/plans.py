@@ -145,7 +145,17 @@ class Plans:
         self.checks = cache(self._checks_of_batch)
         self.batches = cache(self._batches)
         self.batch_of = cache(self._batch_of)
+        self.diagnosis_batches = cache(self._diagnosis_batches)
+        self.diagnosis_of_batch = cache(self._diagnosis_of_batch)
+        self.diagnosis = cache(self._diagnosis)
+        self.instances_of_batch = cache(self._instances_of_batch)
+        self.instances = cache(self._instances)
         self.explanation = cache(self._explanation)
+        # Functions to the plans of what is found of a batch of pairs, and of all, by table.
+        self.of_diagnosis = {
+            "diagnosis": (self.diagnosis_of_batch, self.diagnosis),
+            "instances": (self.instances_of_batch, self.instances),
+        }
 
     def estimator(self, experiment: str) -> Estimator:
         """The estimator of an experiment, with the causes that it names."""
@@ -161,8 +171,13 @@ class Plans:
         found = self.variants(experiment)
         return {"variants": found} if found else {}
 
-    def scans_per_file(self, sequence: str) -> int:
-        """The file of a scan is its index by this; one of an archive has its own, since fetched."""
+    def file_of_scan(self, sequence: str, index: int) -> int:
+        """Number of the file that holds a scan."""
+        last = len(self.scan_batches(sequence)) - 1
+        return min(index // self._scans_per_file(sequence), last)
+
+    def _scans_per_file(self, sequence):
+        """One of an archive has its own, since fetched."""
         return 1 if self.config.data[sequence].kind == "archive" else plan.SCANS_PER_JOB
 
     def _scan_batches(self, sequence):
@@ -171,7 +186,7 @@ class Plans:
         Of a file without such a scan, which nothing asks for, all that it may hold.
         """
         known = self.config.data[sequence]
-        everything = plan.batches(range(known.scans), self.scans_per_file(sequence))
+        everything = plan.batches(range(known.scans), self._scans_per_file(sequence))
         if known.registers:
             return everything
         experiments = self.config.experiments.values()
@@ -330,30 +345,68 @@ class Plans:
             "versions": versions(),
         }
 
-    def diagnosis(self, experiment: str, sequence: str) -> dict[str, Any]:
-        """That of what is wrong with the pairs of a sequence, which no level decides."""
+    def _diagnosis_batches(self, experiment, sequence):
+        """Places, in the order of the sequence, of the pairs of each job that diagnoses them."""
         pairs = self.config.experiments[experiment].pairs[sequence]
+        return plan.batches(range(len(pairs)), plan.DIAGNOSES_PER_JOB)
+
+    def pairs_beside(self, experiment: str, sequence: str, places: range) -> list[tuple[int, int]]:
+        """The pairs at some places of a sequence, with those that they are held against."""
+        pairs = self.config.experiments[experiment].pairs[sequence]
+        return [pairs[place] for place in plan.beside(places, len(pairs))]
+
+    def _diagnosis_of_batch(self, experiment, sequence, batch):
+        """That of what a job finds to be wrong with its pairs."""
+        places = self.diagnosis_batches(experiment, sequence)[batch]
+        return self._diagnosis_of(experiment, sequence, places)
+
+    def _diagnosis_of(self, experiment, sequence, places):
+        pairs = self.config.experiments[experiment].pairs[sequence]
+        among = self.pairs_beside(experiment, sequence, places)
         plugins = {"causes": causes.shown()}
         return {
             "sequence": sequence,
-            "pairs": [list(pair) for pair in pairs],
-            "overlaps": [digest(self.overlap(sequence, pair)) for pair in pairs],
+            "pairs": [list(pairs[place]) for place in places],
+            "among": [list(pair) for pair in among],
+            "overlaps": [digest(self.overlap(sequence, pair)) for pair in among],
             "minimum_range": self.estimator(experiment).perturbing.minimum_range,
             "plugins": plugins,
             "seed": self.config.seed,
-            "code": self.code("diagnose_sequence", *digests.plugins(plugins)),
+            "code": self.code("diagnose_pairs", *digests.plugins(plugins)),
             "versions": versions(),
         }
 
-    def instances(self, experiment: str, sequence: str) -> dict[str, Any]:
-        """That of what is played of each pair, where instances are diagnosed."""
-        found = self.config.experiments[experiment]
-        estimator = self.estimator(experiment)
+    def _diagnosis(self, experiment, sequence):
+        """That of what is wrong with the pairs of a sequence, which no level decides.
+
+        However they are cut into jobs.
+        """
+        places = range(len(self.config.experiments[experiment].pairs[sequence]))
+        found = digest(self._diagnosis_of(experiment, sequence, places))
         return {
             "sequence": sequence,
-            "diagnosis": digest(self.diagnosis(experiment, sequence)),
+            "diagnosis": found,
+            "causes": [],  # that the experiment names: of these the table knows nothing
+            "code": self.code("join_pairs"),
+        }
+
+    def _instances_of_batch(self, experiment, sequence, batch):
+        """That of what is played of the pairs of a job, where instances are diagnosed."""
+        places = self.diagnosis_batches(experiment, sequence)[batch]
+        diagnosis = self.diagnosis_of_batch(experiment, sequence, batch)
+        return self._instances_of(experiment, sequence, places, diagnosis)
+
+    def _instances_of(self, experiment, sequence, places, diagnosis):
+        found = self.config.experiments[experiment]
+        estimator = self.estimator(experiment)
+        among = self.pairs_beside(experiment, sequence, places)
+        return {
+            "sequence": sequence,
+            "among": [list(pair) for pair in among],
+            "diagnosis": digest(diagnosis),
             "levels": {name: list(levels) for name, levels in found.levels.items()},
             "measured": list(found.measured),
+            "causes": [*found.levels, *found.measured],
             **self._variants(experiment),
             "estimator": estimator.decides(),
             "minimum_overlap": self.config.perturbation.minimum_overlap,
@@ -361,6 +414,20 @@ class Plans:
             "seed": self.config.seed,
             "code": self.code("find_instances", *estimator.plugins),
             "versions": versions(),
+        }
+
+    def _instances(self, experiment, sequence):
+        """That of what is played of each pair of a sequence, where instances are diagnosed."""
+        places = range(len(self.config.experiments[experiment].pairs[sequence]))
+        whole = self._diagnosis_of(experiment, sequence, places)
+        found = self._instances_of(experiment, sequence, places, whole)
+        return {
+            "sequence": sequence,
+            "instances": digest(found),
+            "measured": found["measured"],
+            "causes": found["causes"],
+            **self._variants(experiment),
+            "code": self.code("join_pairs"),
         }
 
     def _here(self, experiment, sequence):
@@ -376,11 +443,21 @@ class Plans:
         found = self.config.experiments[experiment]
         return plan.jobs(
             found.pairs[sequence],
-            found.levels | plan.unknown_levels(found.measured),
+            self._levels(experiment),
             found.replicates,
             self.estimator(experiment).number_of_runs,
             self.config.runs_per_job,
         )
+
+    def _levels(self, experiment):
+        """The levels of an experiment, as far as they are known before there are data."""
+        found = self.config.experiments[experiment]
+        return found.levels | plan.unknown_levels(found.measured)
+
+    def settings(self, experiment: str) -> int:
+        """Number of the settings of each pair of an experiment."""
+        replicates = self.config.experiments[experiment].replicates
+        return len(plan.settings(self._levels(experiment), replicates))
 
     def _job(self, experiment, sequence, job):
         parts = self.jobs(experiment, sequence)[job]
@@ -454,6 +531,12 @@ class Plans:
         """Digest of the plan of each job that checks pairs."""
         batches = range(len(self.batches(experiment, sequence)))
         return [digest(self.checks(experiment, sequence, batch)) for batch in batches]
+
+    def batch_digests(self, experiment: str, sequence: str, table: str) -> list[str]:
+        """Digest of the plan of each job that finds the diagnosis or the instances of pairs."""
+        of_batch, _ = self.of_diagnosis[table]
+        batches = range(len(self.diagnosis_batches(experiment, sequence)))
+        return [digest(of_batch(experiment, sequence, batch)) for batch in batches]
 
     def _explanation(self, experiment, sequence):
         found = self.config.experiments[experiment]

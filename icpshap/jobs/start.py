@@ -134,11 +134,12 @@ def planned_files(
 def unplanned_files(
     planner: Plans, experiments: Sequence[str], sequences: Sequence[str]
 ) -> Iterator[Path]:
-    """Files of runs, estimates and pairs that are there, of jobs that are not planned."""
+    """Files of jobs, of runs, estimates and pairs, that are there and are not planned."""
     planned = {Path(path) for path, *_ in _plans(planner, experiments, sequences)}
     for experiment, sequence in _selected(planner, experiments, sequences):
         names = {"experiment": experiment, "sequence": sequence}
-        for template in (paths.RUNS, paths.ESTIMATES, paths.PAIRS):
+        of_batch = [at(paths.OF_BATCH, table=table) for table in ("diagnosis", "instances")]
+        for template in (paths.RUNS, paths.ESTIMATES, paths.PAIRS, *of_batch):
             folder = Path(at(template, **names)).parent
             yield from (path for path in sorted(folder.glob("*.parquet")) if path not in planned)
 
@@ -232,11 +233,14 @@ def _plans_of(planner, name, sequence):
         for template, table in checked:
             path = at(template, **names, batch=batch)
             yield path, table, partial(planner.checks, name, sequence, batch)
-    diagnosis = at(paths.DIAGNOSIS, **names)
-    yield diagnosis, "diagnosis", partial(planner.diagnosis, name, sequence)
-    if planner.config.experiments[name].measured:
-        instances = at(paths.INSTANCES, **names)
-        yield instances, "instances", partial(planner.instances, name, sequence)
+    for table, (of_batch, of_all) in planner.of_diagnosis.items():
+        if table == "instances" and not planner.config.experiments[name].measured:
+            continue
+        for batch in range(len(planner.diagnosis_batches(name, sequence))):
+            path = at(paths.OF_BATCH, **names, table=table, batch=batch)
+            yield path, table, partial(of_batch, name, sequence, batch)
+        path = at(paths.OF_SEQUENCE, **names, table=table)
+        yield path, table, partial(of_all, name, sequence)
     yield from _estimates(planner, name, sequence)
     if planner.estimator(name).returned.samples:
         learned_from = at(paths.DESCRIPTORS, **names)

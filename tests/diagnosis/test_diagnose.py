@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import corridors
 import numpy as np
+import pandas as pd
 import pytest
 
 from icpshap import causes, se3, tables
@@ -9,7 +10,7 @@ from icpshap.causes import CAUSES
 from icpshap.diagnosis import curves
 from icpshap.diagnosis.diagnose import NONE, OTHERS, SHEET, Known, diagnose, diagnose_alone
 from icpshap.diagnosis.diagnostics import NUMBERS
-from icpshap.diagnosis.table import table
+from icpshap.diagnosis.table import row_of
 from icpshap.diagnosis.verdict import FOUND, NOTHING, UNKNOWN
 
 
@@ -124,8 +125,8 @@ def test_pairs_that_cannot_be_measured_are_no_healthy_ones(others):
 
 def test_the_table_is_that_of_the_workflow(tmp_path):
     pairs = [corridors.pair(seed) for seed in range(3)]
-    loads = [lambda pair=pair: pair for pair in pairs]
-    found = table(loads, [corridors.streams(place) for place in range(3)])
+    measured = [known(pair, place) for place, pair in enumerate(pairs)]
+    found = pd.DataFrame([row_of(measured, place) for place in range(3)])
     tables.write(tmp_path / "diagnosis.parquet", found, "diagnosis")
     again = tables.read(tmp_path / "diagnosis.parquet", "diagnosis")
     assert list(again.reference) == [0, 1, 2] and (again.healthy_pairs == 2).all()

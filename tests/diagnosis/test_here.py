@@ -91,9 +91,8 @@ def test_the_table_says_what_is_played_of_each_pair(tmp_path):
     usual = {**NOISE, **NOTHING, "reference": 0, "source": 1, "verdict": "nothing"}
     diagnosis = pd.DataFrame([usual, NOISE])
     told = {"icp_randomness": 2.0}
-    found = here.table(
-        diagnosis, told, lambda _: corridors.pair(4), ESTIMATOR, lambda _: corridors.streams(4), 0.1
-    )
+    given = (told, lambda _: corridors.pair(4), ESTIMATOR, lambda _: corridors.streams(4), 0.1)
+    found = pd.DataFrame([here.row_of(diagnosed, *given) for diagnosed in diagnosis.itertuples()])
     plan = {"levels": told, "measured": causes.shown()}
     path = tmp_path / "instances.parquet"
     tables.write(path, found, "instances", plan, [*told, *causes.shown()])

@@ -119,3 +119,15 @@ def test_no_module_of_the_registration_is_missed():
     assert not {"estimators/monte_carlo.py", "causes/sensor_noise.py"} & reached
     plugins = Estimator.of("monte_carlo", {}).of_causes(["sensor_noise"]).plugins
     assert [plugin.__name__ for plugin in plugins] == ["MonteCarlo", "SensorNoise"]
+
+
+@pytest.mark.parametrize("script", ["run_icp", "check_pairs", "join_pairs", "find_instances"])
+def test_what_shows_and_diagnoses_is_no_part_of_what_registers(script):
+    """Else an edited diagnosis, report or time limit would register every pair again."""
+    seen = {}
+    digests._imported(REPOSITORY / "workflow" / "scripts" / f"{script}.py", seen)
+    reached = {path.relative_to(digests.LIBRARY).as_posix() for path in seen if path.stem != script}
+    others = {"report", "jobs/few.py", "jobs/time_limits.py", "explanation/games.py"}
+    if script != "find_instances":
+        others.add("diagnosis")
+    assert not {path for path in reached if path.startswith(tuple(others))}

@@ -64,3 +64,27 @@ def test_more_points_runs_and_settings_take_longer():
 def test_a_registration_of_ones_own_may_be_slow():
     own = {"register": "icpshap.registrations:small_gicp", "subsampling_probability": 0.05}
     assert seconds("callable", own) > 5 * seconds("monte_carlo")
+
+
+@pytest.mark.parametrize(
+    ("settings", "runs", "interval", "measured"),
+    [
+        (9, 100, "jackknife", 0.085),
+        (1332, 100, "jackknife", 1.9),
+        (9, 1000, "jackknife", 1.8),
+        (432, 1000, "jackknife", 57),
+        (9, 100, "bootstrap", 0.6),
+    ],
+)
+def test_no_explanation_is_given_less_than_it_was_measured_to_take(
+    settings, runs, interval, measured
+):
+    """CPU seconds of `games.explain` and `games.resampled_values`."""
+    given = time_limits.seconds_of_explanation(settings, runs, interval)
+    assert measured < 1.02 * given < 12 * measured
+
+
+def test_a_pair_alone_is_diagnosed_by_its_numbers_alone():
+    """367,000 points: 0.7 s of its numbers, and 10.5 s of what each cause would do to it."""
+    assert 0.7 < time_limits.seconds_of_diagnosis(1, 367_000) < 1
+    assert 10.5 + 0.7 < 1.05 * time_limits.seconds_of_diagnosis(3, 367_000) / 3 < 15

@@ -34,9 +34,8 @@ if IS_MODULE and os.path.isdir(f"{ROOT}/icpshap"):
 from icpshap import config as configuration, options, selection, storage
 from icpshap.data import citation
 from icpshap.data.folder import find_files
-from icpshap.diagnosis.table import NEIGHBOURS
 from icpshap.errors import DataError, UserError
-from icpshap.jobs import digests, parents, paths, progress, start, time_limits
+from icpshap.jobs import digests, few, parents, paths, progress, start, time_limits
 from icpshap.jobs.plans import Plans, is_settled
 from icpshap.jobs.paths import at
 from icpshap.jobs.provenance import commit
@@ -106,6 +105,14 @@ PLANS = Plans(
     lambda script, *plugins: digests.code_digest(source(f"workflow/scripts/{script}.py"), plugins),
 )
 
+# By rule, the sequences of which its jobs take seconds, and are those of a local rule. But one that
+# the command line names makes all of its files, so that --forcerun, --until and such mean them all.
+NAMED = set(re.findall(r"\w+", " ".join(sys.argv[1:])))
+FEW = {
+    name: [] if workflow.modifier.modify_rulename(name) in NAMED else sequences
+    for name, sequences in few.few(PLANS).items()
+}
+
 # Jobs are parallel by processes; a library that starts threads of its own only gets in their way.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ[variable] = "1"
@@ -142,6 +149,17 @@ def experiments_that_return(samples, covariances):
         if (returns.samples, returns.covariances) == (samples, covariances)
     ]
     return "|".join(names) or "(?!)"
+
+
+def before_few(rule):
+    """Regular expression of {experiment} before a {sequence} of which a job of a rule is short."""
+    known = "|".join(FEW[rule]) or "(?!)"
+    return f"(?=(?:{known})/)[a-z][a-z0-9_]*"
+
+
+def before_many(rule):
+    """The same before any other {sequence}."""
+    return before_few(rule).replace("(?=", "(?!", 1)
 
 
 wildcard_constraints:
@@ -211,12 +229,18 @@ def pairs_of_job(wildcards):
         return found
     known = pairs_of(wildcards)
     first, last = (known.index(pair) for pair in (found[0], found[-1]))
-    return known[max(first - NEIGHBOURS, 0) : last + NEIGHBOURS + 1]
+    return PLANS.pairs_beside(wildcards.experiment, wildcards.sequence, range(first, last + 1))
 
 
 def pairs_of_batch(wildcards):
     """The pairs of a job that measures and checks them."""
     return PLANS.batches(wildcards.experiment, wildcards.sequence)[int(wildcards.batch)]
+
+
+def pairs_beside(wildcards):
+    """The pairs that a job reads which diagnoses some: also those that these are held against."""
+    names = wildcards.experiment, wildcards.sequence
+    return PLANS.pairs_beside(*names, PLANS.diagnosis_batches(*names)[int(wildcards.batch)])
 
 
 def pairs_of_registrations(wildcards):
@@ -258,8 +282,7 @@ def scans_for(pairs_of):
 
     def files(wildcards):
         indices = {index for pair in pairs_of(wildcards) for index in pair}
-        size = PLANS.scans_per_file(wildcards.sequence)
-        found = sorted({index // size for index in indices})
+        found = sorted({PLANS.file_of_scan(wildcards.sequence, index) for index in indices})
         return [at(paths.SCANS, sequence=wildcards.sequence, batch=batch) for batch in found]
 
     return files
@@ -351,11 +374,28 @@ def plan_of_checks(wildcards):
 
 
 def plan_of_diagnosis(wildcards):
-    return PLANS.diagnosis(wildcards.experiment, wildcards.sequence)
+    names = wildcards.experiment, wildcards.sequence
+    return PLANS.diagnosis_of_batch(*names, int(wildcards.batch))
 
 
 def plan_of_instances(wildcards):
-    return PLANS.instances(wildcards.experiment, wildcards.sequence)
+    names = wildcards.experiment, wildcards.sequence
+    return PLANS.instances_of_batch(*names, int(wildcards.batch))
+
+
+def files_of_batches(wildcards):
+    """What jobs found of some pairs each, for a table of all pairs: diagnosis or instances."""
+    batches = range(len(PLANS.diagnosis_batches(wildcards.experiment, wildcards.sequence)))
+    return [at(paths.OF_BATCH, **dict(wildcards.items()), batch=batch) for batch in batches]
+
+
+def plan_of_joined_pairs(wildcards):
+    _, of_all = PLANS.of_diagnosis[wildcards.table]
+    return of_all(wildcards.experiment, wildcards.sequence)
+
+
+def digests_of_batches(wildcards):
+    return PLANS.batch_digests(wildcards.experiment, wildcards.sequence, wildcards.table)
 
 
 def instances_of(wildcards):
@@ -445,6 +485,12 @@ def time_of_registrations(wildcards, input, attempt):
     return time_limits.minutes(time_limits.seconds_of_settings(*work), attempt)
 
 
+def time_of_diagnosis(wildcards, input, attempt):
+    """Resource runtime of diagnosing some pairs of a sequence."""
+    work = len(pairs_beside(wildcards)), largest_scan(input)
+    return time_limits.minutes(time_limits.seconds_of_diagnosis(*work), attempt)
+
+
 def settings_of(wildcards):
     """Number of the settings of all pairs of a sequence."""
     return sum(part.stop - part.start for parts in jobs_of(wildcards) for part in parts)
@@ -452,7 +498,9 @@ def settings_of(wildcards):
 
 def time_of_explanation(wildcards, attempt):
     """Resource runtime of explaining a sequence."""
-    return time_limits.minutes(settings_of(wildcards) * time_limits.OF_EXPLANATION, attempt)
+    runs, interval = estimator_of(wildcards).number_of_runs, method_of(wildcards)["interval"]
+    work = settings_of(wildcards), runs, interval
+    return time_limits.minutes(time_limits.seconds_of_explanation(*work), attempt)
 
 
 def time_of_training(wildcards, input, attempt):

@@ -128,7 +128,7 @@ rule register_pairs:
     threads: 1
     resources:
         mem_mb=memory_of_scans(1050, 450),
-        runtime=time_of_scans(pairs_of_registrations, 20),
+        runtime=time_of_scans(pairs_of_registrations, time_limits.OF_POSE),
     params:
         scans=lambda wildcards: sequence_of(wildcards).scans,
         plan=lambda wildcards: PLANS.registrations(wildcards.sequence, int(wildcards.batch)),

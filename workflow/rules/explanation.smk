@@ -21,6 +21,8 @@ rule explain_sequence:
         "logs/explain_sequence/{experiment}/{sequence}.log",
     benchmark:
         "logs/explain_sequence/{experiment}/{sequence}.tsv"
+    wildcard_constraints:
+        experiment=before_many("explain_sequence"),
     threads: 1
     resources:
         mem_mb=growing(2000),

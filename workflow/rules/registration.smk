@@ -22,11 +22,13 @@ rule check_pairs:
         "logs/check_pairs/{experiment}/{sequence}/{batch}.log",
     benchmark:
         "logs/check_pairs/{experiment}/{sequence}/{batch}.tsv"
+    wildcard_constraints:
+        experiment=before_many("check_pairs"),
     priority: 10
     threads: 1
     resources:
         mem_mb=memory_of_scans(400, 400),
-        runtime=time_of_scans(pairs_of_batch, 15),
+        runtime=time_of_scans(pairs_of_batch, time_limits.OF_CHECK),
     params:
         plan=plan_of_checks,
         stop_at_red=CONFIG.stop_at_red,
