@@ -34,7 +34,7 @@ FAR = 1.0  # m of the median source point from the reference at the true pose
 SUCCESS = 0.95
 MEMORY = 0.5
 
-AS_ABOVE = "what the other checks propose, else more points, or lidar where the estimator is another"
+AS_ABOVE = "what the other checks propose, else more points, or lidar if the estimator is another"
 
 
 class Judged(NamedTuple):
