@@ -109,8 +109,14 @@ def _seconds(runs, settings, of_run):
 
 def local_rules():
     """Names of the rules whose jobs run where the workflow was started."""
-    text = (REPOSITORY / "workflow" / "Snakefile").read_text(encoding="utf-8")
-    return set(re.findall(r"\w+", re.search(r"^localrules:\n((?:    \w+,\n)+)", text, re.M)[1]))
+    workflow = REPOSITORY / "workflow"
+    found = set()
+    for file in (workflow / "Snakefile", *workflow.glob("rules/*.smk")):
+        rules = re.split(
+            r"^ *(?:use )?rule (?:\w+ as )?(?=\w+)", file.read_text("utf-8"), flags=re.M
+        )
+        found |= {re.match(r"\w+", rule)[0] for rule in rules[1:] if "localrule: True" in rule}
+    return found
 
 
 def submitted(found):

@@ -1,6 +1,7 @@
 """The workflow as a module of another, in another folder and with that one's configuration."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -9,6 +10,8 @@ import pytest
 import yaml
 from conftest import REPOSITORY
 from project import CODE, TINY, planned_jobs
+
+from benchmarks.planned_work import local_rules
 
 SNAKEFILE = """
 configfile: "mine.yaml"
@@ -87,6 +90,17 @@ def test_of_a_clone_the_module_brings_the_library(folder):
     assert planned["explain_sequence"] == 1 and "explain_few_settings" not in planned
     run(folder, "mine.txt")
     assert (folder / "mine.txt").read_text() == "resources/tiny_room/scans/0.parquet\n"
+
+
+def test_under_a_prefix_local_rules_stay_local(folder):
+    text = SNAKEFILE.format(snakefile=f'"{REPOSITORY}/Snakefile"')
+    text = text.replace("from icpshap", "from icpshap as theirs_*")
+    text += 'print("local:", *sorted(workflow._localrules))\n'
+    (folder / "Snakefile").write_text(text)
+    said = run(folder, "-n", "theirs_all")
+    assert planned_jobs(said)["theirs_explain_few_settings"] == 1
+    (local,) = re.findall(r"^local: (.*)$", said, re.M)
+    assert set(local.split()) == {f"theirs_{rule}" for rule in local_rules()}
 
 
 def test_of_github_where_the_library_is_installed(folder):

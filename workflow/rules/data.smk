@@ -23,6 +23,7 @@ rule fetch_scan:
     wildcard_constraints:
         sequence=keys_of_kind("archive"),
     priority: 20
+    localrule: True
     threads: 1
     resources:
         mem_mb=1500,
@@ -48,6 +49,7 @@ rule fetch_poses:
     wildcard_constraints:
         sequence=keys_of_kind("archive"),
     priority: 20
+    localrule: True
     threads: 1
     resources:
         mem_mb=500,
@@ -98,6 +100,7 @@ rule read_poses:
     wildcard_constraints:
         sequence=keys_of_folders(registers=False),
     priority: 20
+    localrule: True
     threads: 1
     resources:
         mem_mb=memory_of_poses,
@@ -149,6 +152,7 @@ rule register_poses:
     wildcard_constraints:
         sequence=keys_of_folders(registers=True),
     priority: 20
+    localrule: True
     threads: 1
     resources:
         mem_mb=500,
@@ -190,6 +194,7 @@ rule simulate_poses:
     wildcard_constraints:
         sequence=keys_of_kind("simulated"),
     priority: 20
+    localrule: True
     threads: 1
     resources:
         mem_mb=1000,

@@ -75,6 +75,7 @@ rule join_pairs:
     wildcard_constraints:
         table="diagnosis|instances",
     priority: 10
+    localrule: True
     threads: 1
     resources:
         mem_mb=500,
@@ -103,6 +104,7 @@ rule draw_diagnosis:
         "logs/draw_diagnosis/{experiment}/{sequence}.log",
     benchmark:
         "logs/draw_diagnosis/{experiment}/{sequence}.tsv"
+    localrule: True
     threads: 1
     resources:
         mem_mb=500,

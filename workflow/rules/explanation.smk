@@ -45,6 +45,7 @@ rule join_sequences:
         "logs/join_sequences/{experiment}.log",
     benchmark:
         "logs/join_sequences/{experiment}.tsv"
+    localrule: True
     threads: 1
     resources:
         mem_mb=1000,

@@ -31,6 +31,7 @@ rule draw_figure:
             sorted({name for found in CONFIG.experiments.values() for name in figure_names(found)})
         )
         or "(?!)",
+    localrule: True
     threads: 1
     resources:
         mem_mb=500,
@@ -61,6 +62,7 @@ rule draw_drive:
         "logs/draw_drive/{experiment}/{sequence}.log",
     benchmark:
         "logs/draw_drive/{experiment}/{sequence}.tsv"
+    localrule: True
     threads: 1
     resources:
         mem_mb=500,
@@ -101,6 +103,7 @@ rule draw_scene:
         "logs/draw_scene/{experiment}/{sequence}/{reference}-{source}.log",
     benchmark:
         "logs/draw_scene/{experiment}/{sequence}/{reference}-{source}.tsv"
+    localrule: True
     threads: 1
     resources:
         mem_mb=memory_of_scans(500, 250),

@@ -33,6 +33,7 @@ rule median_table:
         "logs/median_table/{scope}.log",
     benchmark:
         "logs/median_table/{scope}.tsv"
+    localrule: True
     threads: 1
     resources:
         mem_mb=1000,
@@ -67,6 +68,7 @@ rule join_estimators:
         "logs/join_estimators/{scope}.log",
     benchmark:
         "logs/join_estimators/{scope}.tsv"
+    localrule: True
     threads: 1
     resources:
         mem_mb=500,
@@ -91,6 +93,7 @@ rule join_what_if:
         "logs/join_what_if/{scope}.log",
     benchmark:
         "logs/join_what_if/{scope}.tsv"
+    localrule: True
     threads: 1
     resources:
         mem_mb=500,
@@ -123,6 +126,7 @@ rule compare_with_paper:
         "logs/compare_with_paper/paper.log",
     benchmark:
         "logs/compare_with_paper/paper.tsv"
+    localrule: True
     threads: 1
     resources:
         mem_mb=500,
@@ -142,6 +146,7 @@ rule provenance:
         paths.PROVENANCE,
     log:
         "logs/provenance/provenance.log",
+    localrule: True
     threads: 1
     resources:
         mem_mb=500,
@@ -179,6 +184,7 @@ rule report:
         "logs/report/report.log",
     benchmark:
         "logs/report/report.tsv"
+    localrule: True
     threads: 1
     resources:
         mem_mb=500,
@@ -199,6 +205,7 @@ rule checksums:
         paths.CHECKSUMS,
     log:
         "logs/checksums/checksums.log",
+    localrule: True
     threads: 1
     resources:
         mem_mb=500,

@@ -23,6 +23,7 @@ rule so_far:
         directory(paths.SO_FAR),
     log:
         "logs/so_far/so_far.log",
+    localrule: True
     threads: 1
     resources:
         mem_mb=2000,
