@@ -20,14 +20,14 @@ REPOSITORY = Path(__file__).parents[1]
 # Points of a scan, and CPU seconds of a run of the estimator `paper` in the eight settings of a
 # pair: docs/engine.md, registration jobs; which scene stands for which sequence: benchmarks/icp.py.
 SCANS = {
-    "apartment": (367_000, 41.9 / 800),
-    "eth": (170_000, 20.8 / 800),
-    "stairs": (170_000, 20.8 / 800),
-    "mountain": (94_000, 7.7 / 800),
+    "apartment": (367_000, 23.5 / 800),
+    "eth": (170_000, 11.5 / 800),
+    "stairs": (170_000, 11.5 / 800),
+    "mountain": (94_000, 4.3 / 800),
 }
-OF_OTHERS = (170_000, 13.5 / 800)
-OF_DRIVE = (130_000, 10.5 / 800)  # a scanner on a car
-OF_GRID = 156 / 4000  # a run where hundreds of settings share a reference: grid job at 0.05 m
+OF_OTHERS = (170_000, 7.6 / 800)
+OF_DRIVE = (130_000, 5.6 / 800)  # a scanner on a car
+OF_GRID = 82.7 / 4000  # a run where hundreds of settings share a reference: grid job at 0.05 m
 MANY = 40  # settings of a pair in one job
 OF_READING = 0.5  # of a scan of a million points
 
