@@ -284,26 +284,19 @@ def _find_thresholds(active, rank, band, sums, threshold):
 
 
 @jit_borrowing
-def _move_band(points, links, entry, end, threshold, T, run, x, y, z, rows, begin):
-    """Queries and rows of up to PART links of a band not longer than a threshold [m^2].
+def _take(links, entry, end, threshold, positions, rows, begin):
+    """Source and reference points of up to PART links of a band not longer than a threshold [m^2].
 
-    entry, end: where the links are; begin: place of the first query. Returns where the next links
-    are, and how many were taken.
+    entry, end: where the links are; begin: place of the first in `positions` and `rows`. Returns
+    where the next links are, and how many were taken.
     """
-    r00, r01, r02, tx = T[run, 0, 0], T[run, 0, 1], T[run, 0, 2], T[run, 0, 3]
-    r10, r11, r12, ty = T[run, 1, 0], T[run, 1, 1], T[run, 1, 2], T[run, 1, 3]
-    r20, r21, r22, tz = T[run, 2, 0], T[run, 2, 1], T[run, 2, 2], T[run, 2, 3]
     taken = 0
     while entry < end and taken < PART:
         link = links[np.uint64(entry)]
         entry += 1
         if link.distance <= threshold:
-            p, i = np.uint64(link.position), np.uint64(begin + taken)
-            px, py, pz = points[p, 0], points[p, 1], points[p, 2]
-            x[i] = r00 * px + r01 * py + r02 * pz + tx
-            y[i] = r10 * px + r11 * py + r12 * pz + ty
-            z[i] = r20 * px + r21 * py + r22 * pz + tz
-            rows[i] = link.found
+            positions[np.uint64(begin + taken)] = link.position
+            rows[np.uint64(begin + taken)] = link.found
             taken += 1
     return entry, taken
 
@@ -330,6 +323,7 @@ def settle(
     runs, spare = T.shape[0], LANES * PART
     qx, qy, qz = np.zeros((3, spare + 1))
     rows = np.full(spare + 1, surface.shape[0] - 1, np.int32)
+    positions = np.empty(spare, np.int32)
     lane_run, entry, end, number = np.zeros((4, LANES), np.int64)
     lane_begin = np.arange(LANES) * PART
     for group in range(0, len(active), LANES):
@@ -341,15 +335,15 @@ def settle(
                 end[lane] = band.start[run] + band.number[run]
         while (entry < end).any():
             for lane in range(LANES):
-                run = lane_run[lane]
+                run, begin = lane_run[lane], lane_begin[lane]
+                number[lane] = 0
                 if entry[lane] < end[lane]:
-                    entry[lane], number[lane] = _move_band(
-                        *(points, band_links, entry[lane], end[lane], threshold[run]),
-                        *(T, run, qx, qy, qz, rows, lane_begin[lane]),
+                    entry[lane], number[lane] = _take(
+                        *(band_links, entry[lane], end[lane], threshold[run]),
+                        *(positions, rows, begin),
                     )
-                else:
-                    number[lane] = 0
-                if run < runs:
+                    last = begin + number[lane]
+                    _move(points, positions, begin, last, T, run, qx, qy, qz, begin)
                     sums.kept[run] += number[lane]
             add_links(
                 *(metric, qx, qy, qz, rows, 1, surface),

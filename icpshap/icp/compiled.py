@@ -13,7 +13,7 @@ import hashlib
 import logging
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numba
 
@@ -23,9 +23,13 @@ if TYPE_CHECKING:
     from numba.core.dispatcher import Dispatcher
 
 
+OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+BORROWING: dict[str, Any] = {**OPTIONS, "_nrt": False}  # which counts no references
+
+
 def jit(function: Callable) -> Dispatcher:
     """The function, compiled when it is first called; threads run it side by side."""
-    return heal(numba.njit(function, cache=True, nogil=True, error_model="numpy"))
+    return heal(numba.njit(function, **OPTIONS))
 
 
 def jit_borrowing(function: Callable) -> Dispatcher:
@@ -34,11 +38,7 @@ def jit_borrowing(function: Callable) -> Dispatcher:
     It relies on its caller to hold the arrays it is given. To count for each call that it holds
     them, too, takes two atomic additions for each array, and more time than a candidate.
     """
-    # numba documents the option, but its types do not name it.
-    borrowing = numba.njit(  # type: ignore[call-overload]
-        function, cache=True, nogil=True, error_model="numpy", _nrt=False
-    )
-    return heal(borrowing)
+    return heal(numba.njit(function, **BORROWING))
 
 
 log = logging.getLogger(__name__)

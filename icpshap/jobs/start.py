@@ -138,7 +138,7 @@ def unplanned_files(
     planned = {Path(path) for path, *_ in _plans(planner, experiments, sequences)}
     for experiment, sequence in _selected(planner, experiments, sequences):
         names = {"experiment": experiment, "sequence": sequence}
-        of_batch = [at(paths.OF_BATCH, table=table) for table in ("diagnosis", "instances")]
+        of_batch = [at(paths.OF_BATCH, table=table) for table in planner.of_diagnosis]
         for template in (paths.RUNS, paths.ESTIMATES, paths.PAIRS, *of_batch):
             folder = Path(at(template, **names)).parent
             yield from (path for path in sorted(folder.glob("*.parquet")) if path not in planned)
