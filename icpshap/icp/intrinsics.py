@@ -1,84 +1,107 @@
 """Functions of which the engine writes the machine code itself, and pieces that they share."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+import functools
+import inspect
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 from llvmlite import ir
 from numba import extending
 from numba.core import cgutils, types
 
-if TYPE_CHECKING:
-    from numba.core.typing.context import BaseContext
-    from numba.core.typing.templates import Signature
-
-
 INTEGER, LONG = ir.IntType(32), ir.IntType(64)
+ARRAY = None  # among the types of arguments
 
 
-def intrinsic(function: Callable) -> Callable[..., Any]:
-    """A function that writes the code of its calls.
+@dataclass
+class Code:
+    """The code of one call: what writes it, and the values that the call is given.
 
-    It takes numba's context and the types of what a call is given, and returns their signature and
-    what writes the code; compiled functions call it with values, and without the context.
+    Of an array that is the address of its first entry.
     """
-    return extending.intrinsic(function)
+
+    builder: ir.IRBuilder
+    arguments: list[ir.Value]
+
+    def entry(self, array: ir.Value, place: ir.Value) -> ir.Value:
+        """Entry of an array."""
+        return self.builder.load(self.builder.gep(array, [place]))
+
+    def address(self, array: ir.Value, place: ir.Value, kind: ir.Type) -> ir.Value:
+        """Address of an entry of an array, where something of that kind begins."""
+        return self.builder.bitcast(self.builder.gep(array, [place]), kind.as_pointer())
+
+    def in_all_lanes(self, value: ir.Value, kind: ir.VectorType) -> ir.Value:
+        """A vector of that kind with the value in each lane."""
+        single = self.builder.insert_element(kind(ir.Undefined), value, INTEGER(0))
+        return self.builder.shuffle_vector(single, single, ir.VectorType(INTEGER, kind.count)(0))
+
+    def columns(self, rows: ir.Value, number: int) -> Iterator[ir.Value]:
+        """The first columns of rows of four numbers, which follow one another in a vector."""
+        lanes = rows.type.count // 4
+        for column in range(number):
+            places = ir.VectorType(INTEGER, lanes)([4 * lane + column for lane in range(lanes)])
+            yield self.builder.shuffle_vector(rows, rows, places)
+
+    def bits(self, lanes: ir.Value) -> ir.Value:
+        """A bit for each truth value of a vector, as a LONG."""
+        bits = self.builder.bitcast(lanes, ir.IntType(lanes.type.count))
+        return self.builder.zext(bits, LONG)
+
+    def operation(self, name: str, kind: ir.Type, *operands: ir.Value) -> ir.Value:
+        """The result, of that kind, of one of the compiler's own operations."""
+        function = ir.FunctionType(kind, [operand.type for operand in operands])
+        function = cgutils.get_or_insert_function(self.builder.module, function, name)
+        return self.builder.call(function, operands)
+
+    def align_stack(self, kind: ir.VectorType) -> None:
+        """Let vectors of that kind that find no register be kept where they cross no cache line.
+
+        The compiler aligns the stack only for a vector whose address is taken: so one is, by an
+        empty piece of assembly. Sums in lanes, of which five find no register, take 25 % less time.
+        """
+        vector = cgutils.alloca_once(self.builder, kind)
+        function = ir.FunctionType(ir.VoidType(), [vector.type])
+        self.builder.asm(function, "", "r", [vector], side_effect=True)
 
 
-def data_of(context: Any, builder: ir.IRBuilder, signature: Signature, arguments: Any) -> Callable:
-    """A function of the number of an argument, an array, to the address of its first entry."""
+def intrinsic(result: types.Type, *inputs: types.Type | None) -> Callable[[Callable], Callable]:
+    """Make a function that writes the `Code` of its calls one that compiled functions can call.
 
-    def data(argument):
-        array = context.make_array(signature.args[argument])
-        return array(context, builder, arguments[argument]).data
-
-    return data
-
-
-def in_all_lanes(builder: ir.IRBuilder, value: ir.Value, kind: ir.VectorType) -> ir.Value:
-    """A vector of that kind with the value in each lane."""
-    unset = ir.Constant(kind, ir.Undefined)
-    single = builder.insert_element(unset, value, ir.Constant(INTEGER, 0))
-    mask = ir.Constant(ir.VectorType(INTEGER, kind.count), [0] * kind.count)
-    return builder.shuffle_vector(single, unset, mask)
-
-
-def align_stack(builder: ir.IRBuilder, kind: ir.VectorType) -> None:
-    """Let vectors of that kind that find no register be kept where they cross no cache line.
-
-    The compiler aligns the stack only for a vector whose address is taken: so one is, by an empty
-    piece of assembly. Sums in lanes, of which five find no register, take 25 % less time.
+    inputs: the type of each argument, or ARRAY. The function returns a value, a tuple or nothing.
     """
-    vector = cgutils.alloca_once(builder, kind)
-    function = ir.FunctionType(ir.VoidType(), [vector.type])
-    builder.asm(function, "", "r", [vector], side_effect=True)
+
+    def callable_intrinsic(function):
+        def write(context, builder, signature, values):
+            arguments = [
+                value if wanted else context.make_array(kind)(context, builder, value).data
+                for wanted, kind, value in zip(inputs, signature.args, values, strict=True)
+            ]
+            returned = function(Code(builder, arguments))
+            if returned is None:
+                return context.get_dummy_value()
+            if isinstance(returned, tuple):
+                return context.make_tuple(builder, signature.return_type, returned)
+            return returned
+
+        @functools.wraps(function)
+        def types_and_code(context, *given):
+            kinds = [wanted or kind for wanted, kind in zip(inputs, given, strict=True)]
+            return result(*kinds), write
+
+        # Of what numba gives it, the context and a value each, numba wants to know the names.
+        names = ["context", *(f"argument_{number}" for number in range(len(inputs)))]
+        parameters = [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in names]
+        types_and_code.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        return extending.intrinsic(types_and_code)
+
+    return callable_intrinsic
 
 
-@intrinsic
-def prefetch(
-    typing_context: BaseContext, array: types.Type, position: types.Type
-) -> tuple[Signature, Callable]:
-    """Ask for the cache line of array[position]; changes nothing but the time to read it."""
-
-    def generate(context, builder, signature, arguments):
-        data = data_of(context, builder, signature, arguments)
-        address = builder.gep(data(0), [arguments[1]])
-        address = builder.bitcast(address, INTEGER.as_pointer())
-        kind = ir.FunctionType(ir.VoidType(), [address.type, INTEGER, INTEGER, INTEGER])
-        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-        read, keep, data_cache = (ir.Constant(INTEGER, value) for value in (0, 3, 1))
-        builder.call(function, [address, read, keep, data_cache])
-        return context.get_dummy_value()
-
-    return types.void(array, position), generate
-
-
-@intrinsic
-def single_bits(typing_context: BaseContext, number: types.Type) -> tuple[Signature, Callable]:
-    """The bits of a number that is rounded to single precision, int32."""
-
-    def generate(context, builder, signature, arguments):
-        return builder.bitcast(builder.fptrunc(arguments[0], ir.FloatType()), INTEGER)
-
-    return types.int32(types.float64), generate
+@intrinsic(types.void, ARRAY, types.int64)
+def prefetch(code: Code) -> None:
+    """prefetch(array, position): ask for a cache line; changes nothing but the time to read it."""
+    array, position = code.arguments
+    address = code.address(array, position, INTEGER)
+    read, keep, data_cache = INTEGER(0), INTEGER(3), INTEGER(1)
+    code.operation("llvm.prefetch.p0", ir.VoidType(), address, read, keep, data_cache)

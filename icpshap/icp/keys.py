@@ -17,31 +17,15 @@ a link was found, what is decided here is what its full length decides.
 Measured: docs/engine.md.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from llvmlite import ir
 from numba.core import types
 
 from icpshap.icp.compiled import jit
-from icpshap.icp.intrinsics import (
-    INTEGER,
-    LONG,
-    data_of,
-    in_all_lanes,
-    intrinsic,
-    single_bits,
-)
+from icpshap.icp.intrinsics import ARRAY, INTEGER, LONG, Code, intrinsic
 from icpshap.icp.network import ABSOLUTE, PLACE, RELATIVE
-
-if TYPE_CHECKING:
-    from numba.core.typing.context import BaseContext
-    from numba.core.typing.templates import Signature
-
 
 TOGETHER = 16  # links
 NEVER = np.int32(0x7F800000)  # a key above all that are found
@@ -59,79 +43,48 @@ def known(bound: float, largest: float) -> tuple[int, int]:
         return NEVER, NEVER
     rounding = ABSOLUTE / 4 * largest
     length = math.sqrt(max(bound, 0.0))
-    below = single_bits(max(length - rounding, 0.0) ** 2 * (1.0 - RELATIVE))
-    beyond = single_bits((length + rounding) ** 2 * (1.0 + RELATIVE))
+    below = np.float32(max(length - rounding, 0.0) ** 2 * (1.0 - RELATIVE)).view(np.int32)
+    beyond = np.float32((length + rounding) ** 2 * (1.0 + RELATIVE)).view(np.int32)
     return np.int32(min(below, LARGEST_KEY)), np.int32(min(beyond, NEVER - PLACE) + PLACE)
 
 
-@intrinsic
-def decide(
-    typing_context: BaseContext,
-    links: types.Type,
-    first: types.Type,
-    last: types.Type,
-    kept: types.Type,
-    dropped: types.Type,
-    made: types.Type,
-    unmade: types.Type,
-    none: types.Type,
-    rows: types.Type,
-) -> tuple[Signature, Callable]:
+@intrinsic(types.UniTuple(types.int64, 3), ARRAY, *[types.int64] * 2, *[types.int32] * 5, ARRAY)
+def decide(code: Code) -> tuple[ir.Value, ...]:
     """Rows of TOGETHER links from `first` on; what is known of those before `last`.
 
-    links: int64, `matching.Work.links`. Keys (int32): below `kept` a link is kept, from `dropped`
-    on it is neither kept nor in the band; below `made` it is within the distance limit, from
-    `unmade` on it is not. rows: int32, set to the reference point of a link that is surely kept, to
-    `none` for others. Returns how many are surely kept, how many surely made, and about which it
-    is not sure, a bit for each.
+    decide(links, first, last, kept, dropped, made, unmade, none, rows). links: int64,
+    `matching.Work.links`. Keys (int32): below `kept` a link is kept, from `dropped` on it is
+    neither kept nor in the band; below `made` it is within the distance limit, from `unmade` on it
+    is not. rows: int32, set to the reference point of a link that is surely kept, to `none` for
+    others. Returns how many are surely kept, how many surely made, and about which it is not sure,
+    a bit for each.
     """
-
-    def generate(context, builder, signature, arguments):
-        data = data_of(context, builder, signature, arguments)
-        integers, longs = ir.VectorType(INTEGER, TOGETHER), ir.VectorType(LONG, TOGETHER)
-        bits = ir.IntType(TOGETHER)
-
-        def pointer(argument, kind):
-            return builder.bitcast(builder.gep(data(argument), [arguments[1]]), kind.as_pointer())
-
-        def everywhere(value):
-            return in_all_lanes(builder, value, integers)
-
-        pairs = builder.load(pointer(0, longs), align=8)
-        shift = ir.Constant(longs, [ir.Constant(LONG, 32)] * TOGETHER)
-        keys = builder.trunc(builder.lshr(pairs, shift), integers)
-        found = builder.trunc(pairs, integers)
-        below_kept, below_dropped, below_made, below_unmade = (
-            builder.icmp_signed("<", keys, everywhere(bound)) for bound in arguments[3:7]
-        )
-        address = pointer(8, integers)
-        builder.store(builder.select(below_kept, found, everywhere(arguments[7])), address, align=4)
-        unsure = builder.or_(
-            builder.and_(builder.not_(below_kept), below_dropped),
-            builder.and_(builder.not_(below_made), below_unmade),
-        )
-        # Those from `last` on are another run's.
-        remaining = builder.sub(arguments[2], arguments[1])
-        whole = builder.icmp_signed(">=", remaining, ir.Constant(LONG, TOGETHER))
-        ones = builder.shl(ir.Constant(LONG, 1), remaining)
-        ones = builder.sub(ones, ir.Constant(LONG, 1))
-        ones = builder.select(whole, ir.Constant(LONG, (1 << TOGETHER) - 1), ones)
-        known_kept, known_made, unsure = (
-            builder.and_(builder.zext(builder.bitcast(mask, bits), LONG), ones)
-            for mask in (below_kept, below_made, unsure)
-        )
-        results = [builder.ctpop(known_kept), builder.ctpop(known_made), unsure]
-        return context.make_tuple(builder, signature.return_type, results)
-
-    inputs = (links, types.int64, types.int64, *[types.int32] * 5, rows)
-    return types.UniTuple(types.int64, 3)(*inputs), generate
+    builder = code.builder
+    links, first, last, *bounds, none, rows = code.arguments
+    integers, longs = ir.VectorType(INTEGER, TOGETHER), ir.VectorType(LONG, TOGETHER)
+    pairs = builder.load(code.address(links, first, longs), align=8)
+    keys = builder.trunc(builder.lshr(pairs, longs(32)), integers)
+    below_kept, below_dropped, below_made, below_unmade = (
+        builder.icmp_signed("<", keys, code.in_all_lanes(bound, integers)) for bound in bounds
+    )
+    found = builder.trunc(pairs, integers)
+    kept_rows = builder.select(below_kept, found, code.in_all_lanes(none, integers))
+    builder.store(kept_rows, code.address(rows, first, integers), align=4)
+    unsure = builder.or_(
+        builder.and_(builder.not_(below_kept), below_dropped),
+        builder.and_(builder.not_(below_made), below_unmade),
+    )
+    # Those from `last` on are another run's.
+    remaining = builder.trunc(builder.sub(last, first), INTEGER)
+    numbers, remaining = integers(list(range(TOGETHER))), code.in_all_lanes(remaining, integers)
+    own = builder.icmp_signed("<", numbers, remaining)
+    kept, made, unsure = (
+        code.bits(builder.and_(mask, own)) for mask in (below_kept, below_made, unsure)
+    )
+    return builder.ctpop(kept), builder.ctpop(made), unsure
 
 
-@intrinsic
-def lowest(typing_context: BaseContext, bits: types.Type) -> tuple[Signature, Callable]:
-    """Place of the lowest bit that is set."""
-
-    def generate(context, builder, signature, arguments):
-        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
-
-    return types.int64(types.int64), generate
+@intrinsic(types.int64, types.int64)
+def lowest(code: Code) -> ir.Value:
+    """lowest(bits): place of the lowest bit that is set."""
+    return code.builder.cttz(*code.arguments, ir.IntType(1)(1))

@@ -18,25 +18,20 @@ Measured: docs/engine.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+import itertools
 
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 
-from icpshap.icp.intrinsics import INTEGER, LONG, align_stack, data_of, intrinsic
+from icpshap.icp.intrinsics import ARRAY, INTEGER, LONG, Code, intrinsic
 from icpshap.icp.minimisers import FEATURES, METRICS
-
-if TYPE_CHECKING:
-    from numba.core.typing.context import BaseContext
-    from numba.core.typing.templates import Signature
-
 
 LANES = 8
 PRODUCTS = FEATURES * (FEATURES + 1) // 2  # entries of the upper triangle
-DOUBLE = ir.DoubleType()
-NUMBERS = ir.VectorType(DOUBLE, LANES)
+NUMBERS = ir.VectorType(ir.DoubleType(), LANES)
+LONGS = ir.VectorType(LONG, LANES)
+ROW = ir.VectorType(ir.DoubleType(), 4)  # of `Reference.surface`
 
 
 class Lanes:
@@ -64,115 +59,75 @@ def gram_matrices(products: np.ndarray) -> np.ndarray:
     return gram
 
 
-def _constant(value):
-    return ir.Constant(LONG, value)
+def _joined(builder, vectors):
+    """The entries of vectors, a power of two of them, in one."""
+    while len(vectors) > 1:
+        size = 2 * vectors[0].type.count
+        both = ir.VectorType(INTEGER, size)(list(range(size)))
+        pairs = zip(vectors[::2], vectors[1::2], strict=True)
+        vectors = [builder.shuffle_vector(a, b, both) for a, b in pairs]
+    return vectors[0]
 
 
-def _columns(builder, rows):
-    """LANES rows of four numbers as four vectors, a lane a row."""
-    width = 4
-    while len(rows) > 1:
-        mask = ir.Constant(ir.VectorType(INTEGER, 2 * width), list(range(2 * width)))
-        rows = [builder.shuffle_vector(a, b, mask) for a, b in zip(*[iter(rows)] * 2, strict=True)]
-        width *= 2
-    (row,) = rows
-    unused = ir.Constant(row.type, ir.Undefined)
-    for axis in range(4):
-        column = [ir.Constant(INTEGER, 4 * lane + axis) for lane in range(LANES)]
-        mask = ir.Constant(ir.VectorType(INTEGER, LANES), column)
-        yield builder.shuffle_vector(row, unused, mask)
-
-
-@intrinsic
-def add_links(
-    typing_context: BaseContext,
-    metric: types.Type,
-    x: types.Type,
-    y: types.Type,
-    z: types.Type,
-    rows: types.Type,
-    matches: types.Type,
-    surface: types.Type,
-    start: types.Type,
-    count: types.Type,
-    spare: types.Type,
-    sums: types.Type,
-    runs: types.Type,
-) -> tuple[Signature, Callable]:
+@intrinsic(
+    types.void, types.int64, *[ARRAY] * 4, types.int64, *[ARRAY] * 3, types.int64, ARRAY, ARRAY
+)
+def add_links(code: Code) -> None:
     """Add the kept links of up to LANES runs to their sums.
 
-    x, y, z: (q,) queries [m], those of a run one after the other; rows: (q matches,) int32 row in
-    `surface` (n, 4) of each of their links; start, count: (LANES,) int64 each lane's queries;
-    spare: a query all of whose links are a row of zeros; sums: (R, PRODUCTS), the lanes' are those
-    of `runs` (LANES,) int64, all different where they count any.
+    add_links(metric, x, y, z, rows, matches, surface, start, count, spare, sums, runs). x, y, z:
+    (q,) queries [m], those of a run one after the other; rows: (q matches,) int32 row in `surface`
+    (n, 4) of each of their links; start, count: (LANES,) int64 each lane's queries; spare: a query
+    all of whose links are a row of zeros; sums: (R, PRODUCTS), the lanes' are those of `runs`
+    (LANES,) int64, all different where they count any.
     """
+    builder = code.builder
+    metric, x, y, z, rows, matches, surface, start, count, spare, sums, runs = code.arguments
+    code.align_stack(NUMBERS)
 
-    def generate(context, builder, signature, arguments):
-        data = data_of(context, builder, signature, arguments)
-        align_stack(builder, NUMBERS)
+    def of_lanes(vector):
+        return [builder.extract_element(vector, INTEGER(lane)) for lane in range(LANES)]
 
-        def loaded(argument, index):
-            return builder.load(builder.gep(data(argument), [index]))
+    def to_lanes(values):
+        vector = NUMBERS(ir.Undefined)
+        for lane, value in enumerate(values):
+            vector = builder.insert_element(vector, value, INTEGER(lane))
+        return vector
 
-        def vector(values):
-            result = ir.Constant(NUMBERS, ir.Undefined)
-            for lane, value in enumerate(values):
-                result = builder.insert_element(result, value, ir.Constant(INTEGER, lane))
-            return result
-
-        fused = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(NUMBERS, [NUMBERS] * 3), f"llvm.fma.v{LANES}f64"
-        )
-        four = ir.VectorType(DOUBLE, 4)
-        metric, matches, spare = arguments[0], arguments[5], arguments[9]
-        starts = [loaded(7, _constant(lane)) for lane in range(LANES)]
-        counts = [loaded(8, _constant(lane)) for lane in range(LANES)]
-        numbers = [loaded(11, _constant(lane)) for lane in range(LANES)]
-        most = counts[0]
-        for lane_count in counts[1:]:
-            more = builder.icmp_signed(">", lane_count, most)
-            most = builder.select(more, lane_count, most)
-        places = [builder.mul(number, _constant(PRODUCTS)) for number in numbers]
-        totals = [cgutils.alloca_once(builder, NUMBERS) for _ in range(PRODUCTS)]
-        for number, total in enumerate(totals):
-            offsets = [builder.add(place, _constant(number)) for place in places]
-            builder.store(vector([loaded(10, offset) for offset in offsets]), total)
-        for number, features in enumerate(METRICS):
-            with (
-                builder.if_then(builder.icmp_signed("==", metric, _constant(number))),
-                cgutils.for_range(builder, most) as queries,
-            ):
-                query = [
-                    builder.select(
-                        builder.icmp_signed("<", queries.index, lane_count),
-                        builder.add(first, queries.index),
-                        spare,
-                    )
-                    for first, lane_count in zip(starts, counts, strict=True)
-                ]
-                point = [
-                    Lanes(builder, vector([loaded(axis, index) for index in query]))
-                    for axis in (1, 2, 3)
-                ]
-                entries = [builder.mul(index, matches) for index in query]
-                with cgutils.for_range(builder, matches) as links:
-                    lines = []
-                    for entry in entries:
-                        row = builder.sext(loaded(4, builder.add(entry, links.index)), LONG)
-                        address = builder.gep(data(6), [builder.mul(row, _constant(4))])
-                        address = builder.bitcast(address, four.as_pointer())
-                        lines.append(builder.load(address, align=8))
-                    columns = [Lanes(builder, column) for column in _columns(builder, lines)]
-                    values = [feature.value for feature in features(*point, *columns)]
-                    upper = [(a, b) for place, a in enumerate(values) for b in values[place:]]
-                    for (a, b), total in zip(upper, totals, strict=True):
-                        builder.store(builder.call(fused, [a, b, builder.load(total)]), total)
-        for number, total in enumerate(totals):
-            total = builder.load(total)
-            for lane, place in enumerate(places):
-                address = builder.gep(data(10), [builder.add(place, _constant(number))])
-                builder.store(builder.extract_element(total, ir.Constant(INTEGER, lane)), address)
-        return context.get_dummy_value()
-
-    inputs = (types.int64, x, y, z, rows, types.int64, surface, start, count, types.int64)
-    return types.void(*inputs, sums, runs), generate
+    start, count, runs = (
+        builder.load(code.address(array, LONG(0), LONGS), align=8) for array in (start, count, runs)
+    )
+    most = code.operation(f"llvm.vector.reduce.smax.v{LANES}i64", LONG, count)
+    places = of_lanes(builder.mul(runs, LONGS(PRODUCTS)))
+    lane_sums = [builder.gep(sums, [place]) for place in places]
+    totals = []
+    for number in range(PRODUCTS):
+        total = to_lanes([code.entry(array, LONG(number)) for array in lane_sums])
+        totals.append(cgutils.alloca_once_value(builder, total))
+    for number, features in enumerate(METRICS):
+        with (
+            builder.if_then(builder.icmp_signed("==", metric, LONG(number))),
+            cgutils.for_range(builder, most) as queries,
+        ):
+            index = code.in_all_lanes(queries.index, LONGS)
+            own = builder.icmp_signed("<", index, count)
+            query = builder.select(own, builder.add(start, index), code.in_all_lanes(spare, LONGS))
+            links = of_lanes(builder.mul(query, code.in_all_lanes(matches, LONGS)))
+            query = of_lanes(query)
+            point = [to_lanes([code.entry(axis, place) for place in query]) for axis in (x, y, z)]
+            with cgutils.for_range(builder, matches) as match:
+                planes = []
+                for first in links:
+                    row = builder.sext(code.entry(rows, builder.add(first, match.index)), LONG)
+                    address = code.address(surface, builder.mul(row, LONG(4)), ROW)
+                    planes.append(builder.load(address, align=8))
+                columns = code.columns(_joined(builder, planes), 4)
+                values = features(*(Lanes(builder, value) for value in (*point, *columns)))
+                upper = itertools.combinations_with_replacement(values, 2)
+                for (a, b), total in zip(upper, totals, strict=True):
+                    operands = a.value, b.value, builder.load(total)
+                    added = code.operation(f"llvm.fma.v{LANES}f64", NUMBERS, *operands)
+                    builder.store(added, total)
+    for number, total in enumerate(totals):
+        for array, value in zip(lane_sums, of_lanes(builder.load(total)), strict=True):
+            builder.store(value, builder.gep(array, [LONG(number)]))

@@ -24,7 +24,7 @@ import numpy as np
 from icpshap.icp import kdtree, keys
 from icpshap.icp.candidates import HEADER, SHORT, WORTH_SPLITTING, divide, locate
 from icpshap.icp.compiled import jit, jit_borrowing
-from icpshap.icp.intrinsics import prefetch, single_bits
+from icpshap.icp.intrinsics import prefetch
 from icpshap.icp.network import (
     LANES,
     LONGEST,
@@ -102,7 +102,7 @@ def _write_links(matches, found, distance, links, first):
     """Links out of full distances."""
     for t in range(matches):
         made = found[t] >= 0 and distance[t] < np.inf
-        key = single_bits(min(distance[t], keys.LARGEST)) if made else keys.NEVER
+        key = np.float32(min(distance[t], keys.LARGEST)).view(np.int32) if made else keys.NEVER
         links[first + t] = _link(key, found[t])
 
 

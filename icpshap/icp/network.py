@@ -22,13 +22,14 @@ two others, as unordered: the k nearest are found, and full distances of these f
 Measured: docs/engine.md.
 """
 
+import functools
 import itertools
 
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 
-from icpshap.icp.intrinsics import INTEGER, LONG, data_of, in_all_lanes, intrinsic
+from icpshap.icp.intrinsics import ARRAY, INTEGER, LONG, intrinsic
 
 LANES = 16
 PLACE = 255  # the bits of a key that hold a place
@@ -36,98 +37,70 @@ LONGEST = 255  # list whose places fit
 RELATIVE = 2.0**-14
 ABSOLUTE = 2.0**-20  # of the largest coordinate
 LARGEST = 1e15  # coordinate for which the network can decide anything [m]
+INTEGERS = ir.VectorType(INTEGER, LANES)
+REALS = ir.VectorType(ir.FloatType(), LANES)
+ROWS = ir.VectorType(ir.FloatType(), 4 * LANES)
+FUSED = ("contract",)  # a product and the sum that it enters may round once
 
 
 def _network(ranks):
     """A compiled function: the `ranks` - 1 nearest candidates of LANES queries, ascending.
 
-    coarse: (n, 4) float32 points; records[first : first + count]: the candidates;
-    queries: (m, 4) float32, of which those from `begin` on are meant; largest: size of any
-    coordinate, at least 1e-3; key: (ranks - 1, LANES) int32, flat, set to the keys. Returns the
-    queries that are undecided and those that are unordered, one bit for each.
+    nearest(coarse, records, first, count, queries, begin, largest, key). coarse: (n, 4) float32
+    points; records[first : first + count]: the candidates; queries: (m, 4) float32, of which those
+    from `begin` on are meant; largest: size of any coordinate, at least 1e-3; key:
+    (ranks - 1, LANES) int32, flat, set to the keys. Returns the queries that are undecided and
+    those that are unordered, one bit for each.
     """
 
-    @intrinsic
-    def nearest(typing_context, coarse, records, first, count, queries, begin, largest, key):
-        def generate(context, builder, signature, arguments):
-            data = data_of(context, builder, signature, arguments)
-            double, real = ir.DoubleType(), ir.FloatType()
-            integers, reals = ir.VectorType(INTEGER, LANES), ir.VectorType(real, LANES)
-
-            def vector_at(pointer, start, kind):
-                return builder.bitcast(builder.gep(pointer, [start]), kind.as_pointer())
-
-            def constant(value, kind=integers):
-                return ir.Constant(kind, [ir.Constant(kind.element, value)] * LANES)
-
-            # Rows of four to columns.
-            all_rows = ir.VectorType(real, 4 * LANES)
-            start = builder.mul(arguments[5], ir.Constant(LONG, 4))
-            rows = builder.load(vector_at(data(4), start, all_rows), align=4)
-            unused = ir.Constant(all_rows, ir.Undefined)
-            query = []
+    @intrinsic(
+        *(types.UniTuple(types.uint64, 2), ARRAY, ARRAY, types.int64, types.int64),
+        *(ARRAY, types.int64, types.float64, ARRAY),
+    )
+    def nearest(code):
+        builder = code.builder
+        coarse, records, first, count, queries, begin, largest, key = code.arguments
+        address = code.address(queries, builder.mul(begin, LONG(4)), ROWS)
+        query = list(code.columns(builder.load(address, align=4), 3))
+        # A key above all others, yet a finite number.
+        unset = INTEGERS(int(np.float32(np.finfo(np.float32).max).view(np.int32)))
+        smallest = [cgutils.alloca_once_value(builder, unset) for _ in range(ranks)]
+        with cgutils.for_range(builder, count) as loop:
+            candidate = builder.sext(code.entry(records, builder.add(first, loop.index)), LONG)
+            base = builder.mul(candidate, LONG(4))
+            differences = []
             for axis in range(3):
-                column = [ir.Constant(INTEGER, 4 * lane + axis) for lane in range(LANES)]
-                query.append(builder.shuffle_vector(rows, unused, ir.Constant(integers, column)))
-
-            # A key above all others, yet a finite number.
-            unset = np.float32(np.finfo(np.float32).max).view(np.int32)
-            smallest = [cgutils.alloca_once(builder, integers) for _ in range(ranks)]
+                coordinate = code.entry(coarse, builder.add(base, LONG(axis)))
+                coordinate = code.in_all_lanes(coordinate, REALS)
+                # In this order, it is read as part of the subtraction.
+                differences.append(builder.fsub(query[axis], coordinate))
+            x, y, z = (builder.fmul(d, d, flags=FUSED) for d in differences)
+            squared = builder.fadd(builder.fadd(x, y, flags=FUSED), z, flags=FUSED)
+            value = builder.and_(builder.bitcast(squared, INTEGERS), INTEGERS(~PLACE))
+            place = builder.trunc(loop.index, INTEGER)
+            value = builder.or_(value, code.in_all_lanes(place, INTEGERS))
             for row in smallest:
-                builder.store(constant(int(unset)), row)
-            with cgutils.for_range(builder, arguments[3]) as loop:
-                entry = builder.gep(data(1), [builder.add(arguments[2], loop.index)])
-                candidate = builder.sext(builder.load(entry), LONG)
-                base = builder.mul(candidate, ir.Constant(LONG, 4))
-                squared = None
-                for axis in range(3):
-                    offset = builder.add(base, ir.Constant(LONG, axis))
-                    coordinate = builder.load(builder.gep(data(0), [offset]))
-                    # In this order, the coordinate is read as part of the subtraction.
-                    coordinate = in_all_lanes(builder, coordinate, reals)
-                    difference = builder.fsub(query[axis], coordinate)
-                    square = builder.fmul(difference, difference, flags=("contract",))
-                    if squared is not None:
-                        square = builder.fadd(squared, square, flags=("contract",))
-                    squared = square
-                value = builder.and_(builder.bitcast(squared, integers), constant(~PLACE))
-                number = builder.trunc(loop.index, INTEGER)
-                value = builder.or_(value, in_all_lanes(builder, number, integers))
-                for row in smallest:
-                    kept = builder.load(row)
-                    less = builder.icmp_signed("<", value, kept)
-                    builder.store(builder.select(less, value, kept), row)
-                    value = builder.select(less, kept, value)
+                kept = builder.load(row)
+                less = builder.icmp_signed("<", value, kept)
+                builder.store(builder.select(less, value, kept), row)
+                value = builder.select(less, kept, value)
 
-            root = cgutils.get_or_insert_function(
-                builder.module, ir.FunctionType(reals, [reals]), f"llvm.sqrt.v{LANES}f32"
-            )
-            keys = [builder.load(row) for row in smallest]
-            bare = [builder.bitcast(builder.and_(key, constant(~PLACE)), reals) for key in keys]
-            fits = builder.fcmp_ordered("<=", arguments[6], ir.Constant(double, LARGEST))
-            absolute = builder.fmul(arguments[6], ir.Constant(double, ABSOLUTE))
-            absolute = builder.select(fits, absolute, ir.Constant(double, np.inf))
-            absolute = in_all_lanes(builder, builder.fptrunc(absolute, real), reals)
-            apart = []
-            for nearer, farther in itertools.pairwise(bare):
-                bound = builder.fmul(farther, constant(1.0 - RELATIVE, reals))
-                bound = builder.fsub(bound, builder.fmul(absolute, builder.call(root, [farther])))
-                apart.append(builder.fcmp_ordered("<", nearer, bound))
-            *others, decided = apart
-            ordered = constant(1, ir.VectorType(ir.IntType(1), LANES))
-            for other in others:
-                ordered = builder.and_(ordered, other)
-            for number, nearest_key in enumerate(keys[:-1]):
-                address = vector_at(data(7), ir.Constant(LONG, number * LANES), integers)
-                builder.store(nearest_key, address, align=4)
-            bits = [
-                builder.zext(builder.bitcast(builder.not_(mask), ir.IntType(LANES)), LONG)
-                for mask in (decided, ordered)
-            ]
-            return context.make_tuple(builder, signature.return_type, bits)
-
-        inputs = (coarse, records, types.int64, types.int64, queries, types.int64, largest, key)
-        return types.UniTuple(types.uint64, 2)(*inputs), generate
+        keys = [builder.load(row) for row in smallest]
+        bare = [builder.bitcast(builder.and_(key, INTEGERS(~PLACE)), REALS) for key in keys]
+        fits = builder.fcmp_ordered("<=", largest, largest.type(LARGEST))
+        absolute = builder.fmul(largest, largest.type(ABSOLUTE))
+        absolute = builder.select(fits, absolute, largest.type(np.inf))
+        absolute = code.in_all_lanes(builder.fptrunc(absolute, REALS.element), REALS)
+        unsure = []
+        for nearer, farther in itertools.pairwise(bare):
+            root = code.operation(f"llvm.sqrt.v{LANES}f32", REALS, farther)
+            bound = builder.fmul(farther, REALS(1.0 - RELATIVE))
+            bound = builder.fsub(bound, builder.fmul(absolute, root))
+            unsure.append(code.bits(builder.fcmp_unordered(">=", nearer, bound)))
+        *unordered, undecided = unsure
+        for rank, nearest_key in enumerate(keys[:-1]):
+            builder.store(nearest_key, code.address(key, LONG(rank * LANES), INTEGERS), align=4)
+        return undecided, functools.reduce(builder.or_, unordered, LONG(0))
 
     return nearest
 
