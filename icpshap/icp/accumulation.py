@@ -27,7 +27,8 @@ from icpshap.icp.compiled import jit, jit_borrowing
 from icpshap.icp.keys import TOGETHER, decide, known, lowest
 from icpshap.icp.lanes import LANES, PRODUCTS, add_links
 from icpshap.icp.matching import match, squared_distance, work_arrays
-from icpshap.icp.trimming import ROOM, SAMPLE, predicted_bands, sampled_bands, select
+from icpshap.icp.selection import select
+from icpshap.icp.trimming import ROOM, SAMPLE, predicted_bands, sampled_bands
 
 if TYPE_CHECKING:
     from icpshap.icp import kdtree

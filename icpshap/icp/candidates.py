@@ -166,7 +166,7 @@ def _fill(tree, lists, matches, cell, cx, cy, cz, half, candidates, best, best_d
 
 @jit_borrowing
 def _fill_coarsest(tree, lists, matches, cell, cx, cy, cz, half, best, best_distance, stack):
-    kdtree.nearest(tree, cx, cy, cz, matches, np.inf, best, best_distance, 0, stack)
+    kdtree.nearest(tree, cx, cy, cz, np.inf, best, best_distance[:matches], stack)
     radius = (math.sqrt(best_distance[matches - 1]) + 4.0 * half) * (1.0 + 1e-6)
     count = kdtree.within(tree, cx, cy, cz, radius, matches, lists.scratch, stack)
     return _fill(

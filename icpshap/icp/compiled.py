@@ -6,25 +6,24 @@ file of the function it is asked for, not in those it calls; so the cache has a 
 state of this package's files.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import logging
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numba
+import numpy as np
+from numba.core.dispatcher import Dispatcher
 
 from icpshap.icp.healing import heal
 
-if TYPE_CHECKING:
-    from numba.core.dispatcher import Dispatcher
-
-
 OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 BORROWING: dict[str, Any] = {**OPTIONS, "_nrt": False}  # which counts no references
+Array = np.ndarray
+
+log = logging.getLogger(__name__)
 
 
 def jit(function: Callable) -> Dispatcher:
@@ -39,9 +38,6 @@ def jit_borrowing(function: Callable) -> Dispatcher:
     them, too, takes two atomic additions for each array, and more time than a candidate.
     """
     return heal(numba.njit(function, **BORROWING))
-
-
-log = logging.getLogger(__name__)
 
 
 def _cache_directory():

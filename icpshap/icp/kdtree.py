@@ -22,118 +22,74 @@ lists do not cover. Measured at 350,000 points: 0.8 us a query of 3 neighbours, 
 matching does not use it alone (docs/engine.md).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
 
-from icpshap.icp import pivots
-from icpshap.icp.compiled import jit, jit_borrowing
+from icpshap.icp.compiled import Array, jit, jit_borrowing
+from icpshap.icp.selection import select
 
 LEAF_SIZE = 12
 STACK = 128  # more than twice the depth of any tree that fits in memory
 
 
 class Tree(NamedTuple):
-    """A k-d tree of n points with L leaves (a power of two)."""
+    """A k-d tree of n points with L leaves (a power of two); node 1 is the root."""
 
-    points: (
-        np.ndarray
-    )  # (n, 4) x, y, z [m] in tree order; the fourth column aligns rows to 32 bytes
-    rows: np.ndarray  # (n,) int32 row of each point in the original cloud
-    leaf_start: np.ndarray  # (L + 1,) int32 first point of each leaf
-    box: np.ndarray  # (2 L, 6) lower and upper corner of every node's points; node 1 is the root
-    lowest: np.ndarray  # (2 L,) int32 lowest of every node's `rows`
-
-
-@jit
-def _split_at(points, index, axis, start, stop, middle):
-    """Reorder index[start:stop] so that [start, middle) lie below [middle, stop) along axis."""
-    low, high = start, stop - 1
-    patience = pivots.PATIENCE * (stop - start)
-    number = pivots.FIRST
-    while low < high:
-        place = (low + high) >> 1
-        patience -= high - low
-        if patience < 0:
-            number = pivots.drawn(number)
-            place = pivots.place(number, low, high)
-        pivot = points[index[place], axis]
-        i, j = low, high
-        while i <= j:
-            while points[index[i], axis] < pivot:
-                i += 1
-            while points[index[j], axis] > pivot:
-                j -= 1
-            if i <= j:
-                index[i], index[j] = index[j], index[i]
-                i += 1
-                j -= 1
-        if middle <= j:
-            high = j
-        elif middle >= i:
-            low = i
-        else:
-            return
+    # (n, 4) x, y, z [m] in tree order; the fourth column aligns rows to 32 bytes
+    points: Array
+    rows: Array  # (n,) int32 row of each point in the original cloud
+    part: Array  # (2 L, 2) int32 first of every node's points, and the one after its last
+    box: Array  # (2 L, 6) lower and upper corner of every node's points
+    lowest: Array  # (2 L,) int32 lowest of every node's `rows`
 
 
 @jit
-def build(points: np.ndarray) -> Tree:
+def build(points: Array) -> Tree:
     """The k-d tree of points (n, 3), n >= 1."""
     n = points.shape[0]
     leaves = 1
     while leaves * LEAF_SIZE < n:
         leaves *= 2
-    index = np.arange(n).astype(np.int32)
-    start = np.zeros(2 * leaves, np.int32)
-    stop = np.zeros(2 * leaves, np.int32)
+    rows = np.arange(n).astype(np.int32)
+    part = np.zeros((2 * leaves, 2), np.int32)
     box = np.empty((2 * leaves, 6))
     lowest = np.empty(2 * leaves, np.int32)
-    stop[1] = n
+    values = np.empty((3, n))  # of a node's points along each axis
+    part[1, 1] = n
     for node in range(1, 2 * leaves):
+        first, end = part[node, 0], part[node, 1]
+        own = rows[first:end]
+        lowest[node] = own.min()
+        for k in range(end - first):
+            for axis in range(3):
+                values[axis, k] = points[own[k], axis]
         for axis in range(3):
             low, high = np.inf, -np.inf
-            for k in range(start[node], stop[node]):
-                value = points[index[k], axis]
-                low = min(low, value)
-                high = max(high, value)
-            box[node, axis] = low
-            box[node, axis + 3] = high
+            for k in range(end - first):
+                low, high = min(low, values[axis, k]), max(high, values[axis, k])
+            box[node, axis], box[node, axis + 3] = low, high
         if node < leaves:
-            middle = (start[node] + stop[node]) >> 1
-            if not has_extent(box, node):
-                if node == 1 or has_extent(box, node >> 1):
-                    part = index[start[node] : stop[node]]
-                    in_order = part[np.argsort(part, kind="mergesort")]
-                    # One by one: an array written into another compiles ten times as long.
-                    for k in range(len(in_order)):
-                        part[k] = in_order[k]
-            else:
+            middle = (first + end) >> 1
+            if has_extent(box, node):
                 axis = np.argmax(box[node, 3:] - box[node, :3])
-                _split_at(points, index, axis, start[node], stop[node], middle)
-            start[2 * node], stop[2 * node] = start[node], middle
-            start[2 * node + 1], stop[2 * node + 1] = middle, stop[node]
-    leaf_start = np.empty(leaves + 1, np.int32)
-    for leaf in range(leaves):
-        leaf_start[leaf] = start[leaves + leaf]
-    leaf_start[leaves] = n
-    for node in range(2 * leaves - 1, 0, -1):
-        if node < leaves:
-            lowest[node] = min(lowest[2 * node], lowest[2 * node + 1])
-        else:
-            lowest[node] = index[start[node]]
-            for k in range(start[node] + 1, stop[node]):
-                lowest[node] = min(lowest[node], index[k])
+                select(values[axis], end - first, middle - first, own)
+            elif node == 1 or has_extent(box, node >> 1):
+                in_order = own[np.argsort(own, kind="mergesort")]
+                # One by one: an array written into another compiles ten times as long.
+                for k in range(end - first):
+                    own[k] = in_order[k]
+            part[2 * node, 0], part[2 * node, 1] = first, middle
+            part[2 * node + 1, 0], part[2 * node + 1, 1] = middle, end
     ordered = np.zeros((n, 4))
     for k in range(n):
         for axis in range(3):
-            ordered[k, axis] = points[index[k], axis]
-    return Tree(ordered, index, leaf_start, box, lowest)
+            ordered[k, axis] = points[rows[k], axis]
+    return Tree(ordered, rows, part, box, lowest)
 
 
 @jit_borrowing
-def has_extent(box: np.ndarray, node: int) -> bool:
+def has_extent(box: Array, node: int) -> bool:
     """Whether the points of a node differ; box (2 L, 6)."""
     return (
         (box[node, 0] < box[node, 3])
@@ -143,7 +99,7 @@ def has_extent(box: np.ndarray, node: int) -> bool:
 
 
 @jit_borrowing
-def box_distance(box: np.ndarray, node: int, x: float, y: float, z: float) -> float:
+def box_distance(box: Array, node: int, x: float, y: float, z: float) -> float:
     """Squared distance from (x, y, z) to a node's box."""
     dx = max(max(box[node, 0] - x, x - box[node, 3]), 0.0)
     dy = max(max(box[node, 1] - y, y - box[node, 4]), 0.0)
@@ -152,27 +108,19 @@ def box_distance(box: np.ndarray, node: int, x: float, y: float, z: float) -> fl
 
 
 @jit_borrowing
-def _follows(candidate, other, index):
-    return other >= 0 and index[candidate] > index[other]
+def _follows(candidate, other, rows):
+    return other >= 0 and rows[candidate] > rows[other]
 
 
 @jit_borrowing
-def insert(
-    found: np.ndarray,
-    distance: np.ndarray,
-    first: int,
-    count: int,
-    candidate: int,
-    d2: float,
-    index: np.ndarray,
-) -> None:
-    """Insert a candidate into the `count` best from entry `first` on, by (distance, index)."""
-    t = first + count - 1
-    if d2 > distance[t] or (d2 == distance[t] and _follows(candidate, found[t], index)):
+def insert(found: Array, distance: Array, candidate: int, d2: float, rows: Array) -> None:
+    """Insert a candidate into the k best, `found` and `distance` (k,), by (distance, row)."""
+    t = distance.shape[0] - 1
+    if d2 > distance[t] or (d2 == distance[t] and _follows(candidate, found[t], rows)):
         return
-    while t > first and (
+    while t > 0 and (
         d2 < distance[t - 1]
-        or (d2 == distance[t - 1] and not _follows(candidate, found[t - 1], index))
+        or (d2 == distance[t - 1] and not _follows(candidate, found[t - 1], rows))
     ):
         distance[t] = distance[t - 1]
         found[t] = found[t - 1]
@@ -187,24 +135,21 @@ def nearest(
     x: float,
     y: float,
     z: float,
-    count: int,
     bound: float,
-    found: np.ndarray,
-    distance: np.ndarray,
-    first: int,
-    stack: np.ndarray,
+    found: Array,
+    distance: Array,
+    stack: Array,
 ) -> None:
-    """The `count` nearest points: positions in tree order to `found`, squared distances [m^2].
+    """The k nearest points: positions in tree order, squared distances [m^2].
 
-    They are written from entry `first` on. `bound` is an upper bound of the last squared distance
-    (np.inf if unknown). If fewer points lie within it, the remaining entries are -1 and `bound`.
-    `stack` is an int32 work array.
+    distance (k,) and the first k of `found` are set. `bound` is an upper bound of the last squared
+    distance (np.inf if unknown). If fewer points lie within it, the remaining entries are -1 and
+    `bound`. stack: (STACK,) int32, to work with.
     """
-    points, index, box, leaf_start = tree.points, tree.rows, tree.box, tree.leaf_start
-    lowest = tree.lowest
-    leaves = leaf_start.shape[0] - 1
-    last = first + count - 1
-    for t in range(first, last + 1):
+    points, rows, part, box, lowest = tree.points, tree.rows, tree.part, tree.box, tree.lowest
+    leaves = part.shape[0] >> 1
+    last = distance.shape[0] - 1
+    for t in range(last + 1):
         found[t] = -1
         distance[t] = bound
     stack[0] = 1
@@ -215,7 +160,7 @@ def nearest(
         least = box_distance(box, node, x, y, z)
         if least > distance[last]:
             continue
-        if least == distance[last] and found[last] >= 0 and lowest[node] > index[found[last]]:
+        if least == distance[last] and found[last] >= 0 and lowest[node] > rows[found[last]]:
             continue
         while node < leaves:
             node *= 2
@@ -226,30 +171,23 @@ def nearest(
             depth += 1
             if not left_first:
                 node += 1
-        for k in range(leaf_start[node - leaves], leaf_start[node - leaves + 1]):
+        for k in range(part[node, 0], part[node, 1]):
             dx, dy, dz = points[k, 0] - x, points[k, 1] - y, points[k, 2] - z
             d2 = dx * dx + dy * dy + dz * dz
             if d2 <= distance[last]:
-                insert(found, distance, first, count, k, d2, index)
+                insert(found, distance, k, d2, rows)
 
 
 @jit_borrowing
 def within(
-    tree: Tree,
-    x: float,
-    y: float,
-    z: float,
-    radius: float,
-    most: int,
-    found: np.ndarray,
-    stack: np.ndarray,
+    tree: Tree, x: float, y: float, z: float, radius: float, most: int, found: Array, stack: Array
 ) -> int:
     """Positions (tree order) of the points within radius [m] to `found`; returns their number.
 
     Of many coincident points about the `most` with the lowest indices, which are among them.
     """
-    points, box, leaf_start = tree.points, tree.box, tree.leaf_start
-    leaves = leaf_start.shape[0] - 1
+    points, part, box = tree.points, tree.part, tree.box
+    leaves = part.shape[0] >> 1
     limit = radius * radius
     count = 0
     stack[0] = 1
@@ -259,22 +197,15 @@ def within(
         node = stack[depth]
         if box_distance(box, node, x, y, z) > limit:
             continue
-        if node < leaves and not has_extent(box, node):
-            # Its points have neighbouring places, in the order of their indices.
-            last = node
-            while node < leaves:
-                node, last = 2 * node, 2 * last + 1
-            first, end = leaf_start[node - leaves], leaf_start[last - leaves + 1]
-            for k in range(first, min(first + most, end)):
-                found[count] = k
-                count += 1
-            continue
+        first, end = part[node, 0], part[node, 1]
         if node < leaves:
-            stack[depth] = 2 * node
-            stack[depth + 1] = 2 * node + 1
-            depth += 2
-            continue
-        for k in range(leaf_start[node - leaves], leaf_start[node - leaves + 1]):
+            if has_extent(box, node):
+                stack[depth] = 2 * node
+                stack[depth + 1] = 2 * node + 1
+                depth += 2
+                continue
+            end = min(first + most, end)  # of points at one place, in the order of their indices
+        for k in range(first, end):
             dx, dy, dz = points[k, 0] - x, points[k, 1] - y, points[k, 2] - z
             if dx * dx + dy * dy + dz * dz <= limit:
                 found[count] = k
@@ -283,16 +214,14 @@ def within(
 
 
 @jit
-def neighbour_distances(tree: Tree, count: int, samples: int) -> np.ndarray:
+def neighbour_distances(tree: Tree, count: int, samples: int) -> Array:
     """Distances (s,) [m] of about `samples` points to the farthest of their `count` nearest."""
-    n = tree.points.shape[0]
-    found = np.empty(count, np.int32)
-    distance = np.empty(count)
+    points = tree.points[:: max(1, tree.points.shape[0] // samples)]
+    found, distance = np.empty(count, np.int32), np.empty(count)
     stack = np.empty(STACK, np.int32)
-    step = max(1, n // samples)
-    result = np.empty((n + step - 1) // step)
-    for i in range(result.shape[0]):
-        x, y, z = tree.points[i * step, 0], tree.points[i * step, 1], tree.points[i * step, 2]
-        nearest(tree, x, y, z, count, np.inf, found, distance, 0, stack)
+    result = np.empty(points.shape[0])
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        nearest(tree, x, y, z, np.inf, found, distance, stack)
         result[i] = np.sqrt(distance[count - 1])
     return result

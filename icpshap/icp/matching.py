@@ -89,7 +89,7 @@ def _scan(points, index, records, first, count, x, y, z, matches, found, distanc
         q = records[np.uint64(first + k)]
         d2 = squared_distance(points, np.uint64(q), x, y, z)
         if d2 <= distance[matches - 1]:
-            kdtree.insert(found, distance, 0, matches, q, d2, index)
+            kdtree.insert(found, distance, q, d2, index)
 
 
 @jit
@@ -164,7 +164,7 @@ def match(
     locate(tree, lists, matches, qx, qy, qz, count, where)
     for i in range(count):
         if where[i] < 0:
-            kdtree.nearest(tree, qx[i], qy[i], qz[i], matches, limit, found, distance, 0, stack)
+            kdtree.nearest(tree, qx[i], qy[i], qz[i], limit, found, distance, stack)
             _write_links(matches, found, distance, links, i * matches)
     groups = _sort_by_list(records, count, work)
     begin = 0
@@ -182,7 +182,7 @@ def match(
         if length > LONGEST:
             for row in range(begin, end):
                 i = number[row, 3]
-                kdtree.nearest(tree, qx[i], qy[i], qz[i], matches, limit, found, distance, 0, stack)
+                kdtree.nearest(tree, qx[i], qy[i], qz[i], limit, found, distance, stack)
                 link = np.int64(i) * matches
                 _write_links(matches, found, distance, links, link)
             begin = end

@@ -80,12 +80,11 @@ def planes(tree: kdtree.Tree, neighbours: int, radius: float) -> np.ndarray:
             for axis in range(3):
                 step += (point[axis] - tree.points[k - 1, axis]) ** 2
             bound = (math.sqrt(distance[neighbours - 1]) + math.sqrt(step)) * (1 + 1e-9) + 1e-12
-        kdtree.nearest(
-            tree, point[0], point[1], point[2], neighbours, bound * bound, found, distance, 0, stack
-        )
+        x, y, z = point[0], point[1], point[2]
+        kdtree.nearest(tree, x, y, z, bound * bound, found, distance, stack)
         number = neighbours
         if radius > 0.0 and distance[neighbours - 1] <= radius * radius:
-            number = kdtree.within(tree, point[0], point[1], point[2], radius, n, found, stack)
+            number = kdtree.within(tree, x, y, z, radius, n, found, stack)
         for axis in range(3):
             mean[axis] = 0.0
             for t in range(number):

@@ -3,7 +3,7 @@
 Idea: the threshold is one order statistic of all of a run's squared link lengths, and it moves
 slowly from one iteration to the next. So a band that will contain it is predicted. Links below the
 band are counted and summed as they are found, links above it are forgotten, and only the few
-inside are stored; the threshold is selected among those (quickselect).
+inside are stored; the threshold is selected among those (`selection`).
 
 Exactness: the counts below and inside the band prove whether it contains the wanted rank; if it
 does not, the run's iteration is repeated with a band that holds everything. The prediction uses
@@ -15,8 +15,8 @@ Measured: docs/engine.md.
 
 import numpy as np
 
-from icpshap.icp import pivots
-from icpshap.icp.compiled import jit, jit_borrowing
+from icpshap.icp.compiled import Array, jit
+from icpshap.icp.selection import select
 
 SAMPLE = 1024  # links from which the first band is estimated
 SAMPLE_WIDTH = 0.06  # of the band on either side of the rank, as a share of the links
@@ -24,48 +24,15 @@ STEADY = 0.25  # largest relative change of the threshold from which the next on
 ROOM = 0.2  # share of a run's links that a band may hold
 
 
-@jit_borrowing
-def select(values: np.ndarray, count: int, rank: int) -> float:
-    """The `rank`-th smallest (0-based) of values[:count], which is reordered (quickselect)."""
-    low, high = 0, count - 1
-    patience = pivots.PATIENCE * count
-    number = pivots.FIRST
-    while low < high:
-        first, middle, last = low, (low + high) >> 1, high
-        patience -= high - low
-        if patience < 0:
-            number = pivots.drawn(number)
-            first = middle = last = pivots.place(number, low, high)
-        a, b, c = values[first], values[middle], values[last]
-        pivot = max(min(a, b), min(max(a, b), c))
-        i, j = low, high
-        while i <= j:
-            while values[i] < pivot:
-                i += 1
-            while values[j] > pivot:
-                j -= 1
-            if i <= j:
-                values[i], values[j] = values[j], values[i]
-                i += 1
-                j -= 1
-        if rank <= j:
-            high = j
-        elif rank >= i:
-            low = i
-        else:
-            break
-    return values[rank]
-
-
 @jit
 def sampled_bands(
-    distance: np.ndarray,
-    start: np.ndarray,
-    count: np.ndarray,
-    active: np.ndarray,
+    distance: Array,
+    start: Array,
+    count: Array,
+    active: Array,
     ratio: float,
-    lower: np.ndarray,
-    upper: np.ndarray,
+    lower: Array,
+    upper: Array,
 ) -> None:
     """Set the active runs' bands from the lengths of a sample of their links, which is reordered.
 
@@ -81,9 +48,7 @@ def sampled_bands(
         lower[run] = select(values, rest, below) if 0 < below < rest else -np.inf
 
 
-def predicted_bands(
-    threshold: np.ndarray, previous: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def predicted_bands(threshold: Array, previous: Array) -> tuple[Array, Array, Array]:
     """Bands (lower, upper) and where to use them, (R,) each, from the last two thresholds (R,)."""
     with np.errstate(invalid="ignore", divide="ignore"):
         change = threshold / previous

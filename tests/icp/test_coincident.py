@@ -11,8 +11,9 @@ from test_matching import brute_force, engine_matches, queries_for
 from test_registration import poses, room
 
 from icpshap import icp
-from icpshap.icp import candidates, kdtree, trimming
+from icpshap.icp import candidates, kdtree
 from icpshap.icp.matching import match, measure, work_arrays
+from icpshap.icp.selection import select
 
 PLACE = np.array([3.1, 2.2, 1.3])
 ULP = np.spacing(PLACE[0])
@@ -106,7 +107,7 @@ def test_the_tree_alone_finds_the_same(cloud):
     stack = np.empty(kdtree.STACK, np.int32)
     expected_distance, expected_index = brute_force(points, queries, 30)
     for query, d2, index in zip(queries, expected_distance, expected_index, strict=True):
-        kdtree.nearest(tree, *query, 30, np.inf, found, distance, 0, stack)
+        kdtree.nearest(tree, *query, np.inf, found, distance, stack)
         np.testing.assert_array_equal(distance, d2)
         np.testing.assert_array_equal(tree.rows[found], index)
 
@@ -123,7 +124,7 @@ def test_a_search_visits_few_boxes_however_many_points_are_equal(cloud, monkeypa
         tree = kdtree.build(points)
         for query in (points[0], PLACE, PLACE + 0.01, PLACE - 100.0):
             visited.clear()
-            kdtree.nearest.py_func(tree, *query, 7, np.inf, found, distance, 0, stack)
+            kdtree.nearest.py_func(tree, *query, np.inf, found, distance, stack)
             assert len(visited) < 500  # of 512 and 8,192
 
 
@@ -145,14 +146,11 @@ class Counting:
 def test_selection_is_linear_in_values_that_come_there_and_back(turned):
     n = 20_000
     points = turned * a_line_there_and_back(n, None)
-    values = Counting(points[:, 0])
-    assert trimming.select.py_func(values, n, n // 2) == np.sort(points[:, 0])[n // 2]
-    index = Counting(range(n))
-    kdtree._split_at.py_func(points, index, 0, 0, n, n // 2)
-    low, high = points[index.values[: n // 2], 0], points[index.values[n // 2 :], 0]
+    values, order = Counting(points[:, 0]), list(range(n))
+    assert select.py_func(values, n, n // 2, order) == np.sort(points[:, 0])[n // 2]
+    low, high = points[order[: n // 2], 0], points[order[n // 2 :], 0]
     assert low.max() <= high.min()
     assert values.read < 200 * n
-    assert index.read < 200 * n
 
 
 def budget(lists, points):
