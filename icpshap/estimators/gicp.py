@@ -184,11 +184,9 @@ def linearise(
     """`LinearisedLinks` at the pose T (4, 4): each source point to its nearest reference point."""
     from icpshap.icp import plane_to_plane
 
-    matrix, gradient = np.empty((6, 6)), np.empty(6)
     _, rows = reference.matcher(se3.transform(T, source.points), maximum_distance**2)
-    clouds = source.points, source.normals, reference.points, reference.normals
-    sums = plane_to_plane.linearise(*clouds, rows[:, 0], T, matrix, gradient)
-    return LinearisedLinks(matrix, gradient, *sums)
+    sums = plane_to_plane.linearise(source[:2], reference[:2], rows[:, 0], T)
+    return LinearisedLinks(*sums)
 
 
 def register(

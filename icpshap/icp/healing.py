@@ -5,17 +5,11 @@ would fail on it until somebody deletes it; a flipped bit in it would be run as 
 every file carries a digest, and one that does not fit is as good as none: it is compiled again.
 """
 
-from __future__ import annotations
-
 import hashlib
 import pickle
-from typing import TYPE_CHECKING
 
 from numba.core import caching
-
-if TYPE_CHECKING:
-    from numba.core.dispatcher import Dispatcher
-
+from numba.core.dispatcher import Dispatcher
 
 DIGEST_BYTES = 32
 
@@ -25,54 +19,40 @@ class HealingFile(caching.IndexDataCacheFile):
 
     def _load_index(self):
         try:
-            with open(self._index_path, "rb") as file:
-                version, stamp, overloads = pickle.loads(_checked(file.read()))
-        except (OSError, _UnfitError, pickle.UnpicklingError):
+            version, stamp, overloads = _read(self._index_path)
+        except OSError:
             return {}
         fits = version == self._version and stamp == self._source_stamp
         return overloads if fits else {}
 
     def _save_index(self, overloads):
-        data = self._dump((self._version, self._source_stamp, overloads))
-        with self._open_for_write(self._index_path) as file:
-            file.write(_with_digest(data))
-
-    def load(self, key: object) -> object:
-        try:
-            return super().load(key)
-        except _UnfitError:
-            return None
+        self._write(self._index_path, (self._version, self._source_stamp, overloads))
 
     def _load_data(self, name):
-        with open(self._data_path(name), "rb") as file:
-            return pickle.loads(_checked(file.read()))
+        return _read(self._data_path(name))
 
     def _save_data(self, name, data):
-        with self._open_for_write(self._data_path(name)) as file:
-            file.write(_with_digest(self._dump(data)))
+        self._write(self._data_path(name), data)
+
+    def _write(self, path, content):
+        data = self._dump(content)
+        with self._open_for_write(path) as file:
+            file.write(data + hashlib.sha256(data).digest())
 
 
-class _UnfitError(Exception):
-    """A file is not what was written."""
-
-
-def _with_digest(data):
-    return data + hashlib.sha256(data).digest()
-
-
-def _checked(data):
-    content, digest = data[:-DIGEST_BYTES], data[-DIGEST_BYTES:]
-    if hashlib.sha256(content).digest() != digest:
-        raise _UnfitError
-    return content
+def _read(path):
+    """What a file holds; OSError, on which numba compiles again, if it is not what was written."""
+    with open(path, "rb") as file:
+        content = file.read()
+    data, digest = content[:-DIGEST_BYTES], content[-DIGEST_BYTES:]
+    if hashlib.sha256(data).digest() != digest:
+        raise OSError(f"{path} is damaged")
+    return pickle.loads(data)
 
 
 def heal(dispatcher: Dispatcher) -> Dispatcher:
     """Let a compiled function that numba caches keep its files as `HealingFile`s."""
     cache = dispatcher._cache  # type: ignore[attr-defined]  # of what numba caches
-    cache._cache_file = HealingFile(
-        cache_path=cache._cache_path,
-        filename_base=cache._impl.filename_base,
-        source_stamp=cache._impl.locator.get_source_stamp(),
-    )
+    stamp = cache._impl.locator.get_source_stamp()
+    cache._cache_file = HealingFile(cache._cache_path, cache._impl.filename_base, stamp)
     return dispatcher

@@ -3,18 +3,10 @@
 For estimators that linearise at a pose, or that move particles instead of whole runs.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from icpshap.icp.matching import match, measure, work_arrays
-from icpshap.icp.reference import checked_points
-
-if TYPE_CHECKING:
-    from icpshap.icp.reference import Reference
-
+from icpshap.icp.reference import Reference, checked_points
 
 QUERIES = 32_768  # are matched together: their arrays stay in the cache
 
@@ -35,22 +27,14 @@ class Matcher:
         are not finite, and where the reference has fewer points than `matches`.
         """
         points = checked_points(points, "points to match") - self.reference.mean
-        if len(self.reference) < self.matches:
-            raise ValueError(
-                f"{self.matches} matches a point need as many reference points; there are "
-                f"{len(self.reference)}. Hint: a larger cloud or fewer matches."
-            )
+        tree, work = self.reference.tree, self._work
         distance = np.empty((len(points), self.matches))
         found = np.empty((len(points), self.matches), np.int32)
         for first in range(0, len(points), QUERIES):
             part = slice(first, first + QUERIES)
-            self._match(points[part], limit, found[part].reshape(-1), distance[part].reshape(-1))
-        rows = np.where(found >= 0, self.reference.tree.rows[found], -1)
-        return distance, rows
-
-    def _match(self, points, limit, found, distance):
-        count = len(points)
-        work, tree = self._work, self.reference.tree
-        work.x[:count], work.y[:count], work.z[:count] = points.T
-        match(tree, self.reference.lists(self.matches), self.matches, limit, count, work)
-        measure(tree.points, limit, count, self.matches, work, found, distance)
+            count = len(points[part])
+            work.x[:count], work.y[:count], work.z[:count] = points[part].T
+            match(tree, self.reference.lists(self.matches), self.matches, limit, count, work)
+            links = found[part].reshape(-1), distance[part].reshape(-1)
+            measure(tree.points, limit, count, self.matches, work, *links)
+        return distance, np.where(found >= 0, tree.rows[found], -1)

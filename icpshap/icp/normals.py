@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from icpshap.icp import kdtree
-from icpshap.icp.compiled import jit
+from icpshap.icp.compiled import Array, jit
 
 
 @jit
@@ -57,30 +57,29 @@ def _smallest_eigenvector(matrix, vectors):
 
 
 @jit
-def planes(tree: kdtree.Tree, neighbours: int, radius: float) -> np.ndarray:
+def planes(tree: kdtree.Tree, neighbours: int, radius: float) -> Array:
     """Tangent planes in tree order: unit normal, and its product with the point [m].
 
     (n + 1, 4); the last row is zero, for links to nothing. From that many neighbours, the point
     itself included, or from all within the radius [m] if these are more.
     """
-    n = tree.points.shape[0]
+    points = tree.points
+    n = points.shape[0]
     result = np.zeros((n + 1, 4))
     found = np.empty(max(neighbours, n if radius > 0.0 else 0), np.int32)
     distance = np.empty(neighbours)
     stack = np.empty(kdtree.STACK, np.int32)
-    scatter = np.empty((3, 3))
-    vectors = np.empty((3, 3))
-    difference = np.empty(3)
-    mean = np.empty(3)
+    scatter, vectors = np.empty((3, 3)), np.empty((3, 3))
+    mean, difference = np.empty(3), np.empty(3)
     bound = np.inf
     for k in range(n):
-        point = tree.points[k]
+        point = points[k]
+        x, y, z = point[0], point[1], point[2]
         if k > 0:
             step = 0.0
             for axis in range(3):
-                step += (point[axis] - tree.points[k - 1, axis]) ** 2
+                step += (point[axis] - points[k - 1, axis]) ** 2
             bound = (math.sqrt(distance[neighbours - 1]) + math.sqrt(step)) * (1 + 1e-9) + 1e-12
-        x, y, z = point[0], point[1], point[2]
         kdtree.nearest(tree, x, y, z, bound * bound, found, distance, stack)
         number = neighbours
         if radius > 0.0 and distance[neighbours - 1] <= radius * radius:
@@ -88,17 +87,16 @@ def planes(tree: kdtree.Tree, neighbours: int, radius: float) -> np.ndarray:
         for axis in range(3):
             mean[axis] = 0.0
             for t in range(number):
-                mean[axis] += tree.points[found[t], axis] - point[axis]
+                mean[axis] += points[found[t], axis] - point[axis]
             mean[axis] /= number
         scatter[:] = 0.0
         for t in range(number):
             for axis in range(3):
-                difference[axis] = tree.points[found[t], axis] - point[axis] - mean[axis]
+                difference[axis] = points[found[t], axis] - point[axis] - mean[axis]
             for row in range(3):
                 for column in range(3):
                     scatter[row, column] += difference[row] * difference[column]
         column = _smallest_eigenvector(scatter, vectors)
-        result[k, 3] = 0.0
         for axis in range(3):
             result[k, axis] = vectors[axis, column]
             result[k, 3] += vectors[axis, column] * point[axis]

@@ -13,67 +13,55 @@ Exactness: the eigenvalues come from |u|^2 and |v|^2, which lose nothing where n
 
 import numpy as np
 
-from icpshap.icp.compiled import jit
+from icpshap.icp.compiled import Array, jit
 
 FLATNESS = 1e-3
 
 
 @jit
 def linearise(
-    points: np.ndarray,
-    normals: np.ndarray,
-    reference_points: np.ndarray,
-    reference_normals: np.ndarray,
-    found: np.ndarray,
-    T: np.ndarray,
-    matrix: np.ndarray,
-    gradient: np.ndarray,
-) -> tuple[float, float, int]:
-    """Sums over the links from points (m, 3) [m] to rows `found` (m,) of the reference.
+    source: tuple[Array, Array], reference: tuple[Array, Array], found: Array, T: Array
+) -> tuple[Array, Array, float, float, int]:
+    """Sums over the links from the source's points to rows `found` (m,) of the reference.
 
-    normals (m, 3), reference_points, reference_normals (n, 3): each in its own frame; found: -1
-    where there is no link; T (4, 4). For steps xi in T exp(xi), rotation first, writes the sums of
-    B^T M B to `matrix` (6, 6) and of B^T M r to `gradient` (6,), B = [-[s]x, I], r = q - T s in
-    the source frame. Returns the sum of r^T M r and that of the squared lengths [m^2], and the
-    number of links.
+    source, reference: points [m] and their unit normals, both (m, 3) or (n, 3), in a frame of their
+    own; found: -1 where there is no link; T (4, 4). With r = q - T s in the source frame, and
+    B = [-[s]x, I] for steps xi in T exp(xi), rotation first: the sums of B^T M B (6, 6),
+    B^T M r (6,), r^T M r and r^T r [m^2], and the number of links.
     """
-    matrix[:] = 0.0
-    gradient[:] = 0.0
+    points, normals = source
+    reference_points, reference_normals = reference
+    matrix, gradient = np.zeros((6, 6)), np.zeros(6)
     weighted = squared = 0.0
     links = 0
-    r, n = np.empty(3), np.empty(3)
-    plain, u, v = np.empty(6), np.empty(6), np.empty(6)
+    u, v, r = np.empty(6), np.empty(6), np.empty(6)
     for i in range(points.shape[0]):
         j = found[i]
         if j < 0:
             continue
         links += 1
         s = points[i]
-        for axis in range(3):
-            value = 0.0
-            normal = 0.0
-            for k in range(3):
-                value += T[k, axis] * (reference_points[j, k] - T[k, 3])
-                normal += T[k, axis] * reference_normals[j, k]
-            r[axis] = value - s[axis]
-            n[axis] = normal
         uu = vv = ur = vr = rr = 0.0
         for axis in range(3):
-            u[3 + axis] = n[axis] + normals[i, axis]
-            v[3 + axis] = n[axis] - normals[i, axis]
-            plain[3 + axis] = r[axis]
+            moved = normal = 0.0
+            for k in range(3):
+                moved += T[k, axis] * (reference_points[j, k] - T[k, 3])
+                normal += T[k, axis] * reference_normals[j, k]
+            u[3 + axis] = normal + normals[i, axis]
+            v[3 + axis] = normal - normals[i, axis]
+            r[3 + axis] = moved - s[axis]
             uu += u[3 + axis] * u[3 + axis]
             vv += v[3 + axis] * v[3 + axis]
-            ur += u[3 + axis] * r[axis]
-            vr += v[3 + axis] * r[axis]
-            rr += r[axis] * r[axis]
+            ur += u[3 + axis] * r[3 + axis]
+            vr += v[3 + axis] * r[3 + axis]
+            rr += r[3 + axis] * r[3 + axis]
         a = 0.5 * (1.0 - FLATNESS) / (vv + FLATNESS * uu)
         b = 0.5 * (1.0 - FLATNESS) / (uu + FLATNESS * vv)
         _turn(s, u)
         _turn(s, v)
-        _turn(s, plain)
+        _turn(s, r)
         for row in range(6):
-            gradient[row] += 0.5 * plain[row] + a * ur * u[row] + b * vr * v[row]
+            gradient[row] += 0.5 * r[row] + a * ur * u[row] + b * vr * v[row]
             au, bv = a * u[row], b * v[row]
             for column in range(row, 6):
                 matrix[row, column] += au * u[column] + bv * v[column]
@@ -83,7 +71,7 @@ def linearise(
     for row in range(6):
         for column in range(row):
             matrix[row, column] = matrix[column, row]
-    return weighted, squared, links
+    return matrix, gradient, weighted, squared, links
 
 
 @jit

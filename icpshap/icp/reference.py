@@ -4,21 +4,14 @@ Everything is made when first needed and kept, so one Reference serves every cal
 with the same reference points: all initial poses, overlap levels and runs of one noise level.
 """
 
-from __future__ import annotations
-
 import functools
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from icpshap.icp import kdtree
-from icpshap.icp.candidates import empty_lists, forget, nearly_full
+from icpshap.icp.candidates import Lists, empty_lists, forget, nearly_full
 from icpshap.icp.compiled import announce_compilation
 from icpshap.icp.normals import planes
-
-if TYPE_CHECKING:
-    from icpshap.icp.candidates import Lists
-
 
 LARGEST_COORDINATE = 1e30  # m; the squares of products still fit
 
@@ -87,16 +80,7 @@ class Reference:
 
         The sign of a normal is arbitrary.
         """
-        return self._planes_and_none[:-1]
-
-    @functools.cached_property
-    def _planes_and_none(self):
-        if len(self) < self.normal_neighbours:
-            raise ValueError(
-                f"Normals from {self.normal_neighbours} neighbours need as many reference points; "
-                f"there are {len(self)}. Hint: use point-to-point ICP or fewer normal_neighbours."
-            )
-        return planes(self.tree, self.normal_neighbours, self.normal_radius)
+        return self._tangent_planes[:-1]
 
     @property
     def normals(self) -> np.ndarray:
@@ -115,17 +99,33 @@ class Reference:
         (n + 1, 4): the tangent plane or, without normals, x, y, z, 1. Rows of 32 bytes: half a
         cache line.
         """
-        return self._planes_and_none if with_normals else self._points_and_none
+        return self._tangent_planes if with_normals else self._homogeneous_points
 
     @functools.cached_property
-    def _points_and_none(self):
-        surface = np.zeros((len(self) + 1, 4))
-        surface[:-1] = self.tree.points
+    def _tangent_planes(self):
+        if len(self) < self.normal_neighbours:
+            raise ValueError(
+                f"Normals from {self.normal_neighbours} neighbours need as many reference points; "
+                f"there are {len(self)}. Hint: use point-to-point ICP or fewer normal_neighbours."
+            )
+        return planes(self.tree, self.normal_neighbours, self.normal_radius)
+
+    @functools.cached_property
+    def _homogeneous_points(self):
+        surface = np.pad(self.tree.points, [(0, 1), (0, 0)])
         surface[:-1, 3] = 1.0
         return surface
 
     def lists(self, matches: int) -> Lists:
-        """The candidate lists for that many matches, which fill as they are used."""
+        """The candidate lists for that many matches, which fill as they are used.
+
+        Raises ValueError if there are fewer points.
+        """
+        if len(self) < matches:
+            raise ValueError(
+                f"{matches} matches a point need as many reference points; there are {len(self)}. "
+                "Hint: a larger cloud or fewer matches."
+            )
         if matches not in self._lists:
             self._lists[matches] = empty_lists(self.tree)
         if nearly_full(self._lists[matches]):

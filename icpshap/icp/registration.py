@@ -10,13 +10,10 @@ their order, nor how many fit into memory can change a bit of the result.
 Measured: docs/engine.md.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,16 +26,12 @@ from icpshap.icp.accumulation import (
     band_room,
     once_each,
 )
+from icpshap.icp.chain import Chain
 from icpshap.icp.circles import Circles
 from icpshap.icp.compiled import announce_compilation, jit
 from icpshap.icp.lanes import gram_matrices
 from icpshap.icp.order import spatial
-from icpshap.icp.reference import checked_points
-
-if TYPE_CHECKING:
-    from icpshap.icp.chain import Chain
-    from icpshap.icp.reference import Reference
-
+from icpshap.icp.reference import Reference, checked_points
 
 STATUS = ("ok", "max_iterations", "too_few_links", "degenerate")
 BATCH_BYTES = 400_000_000  # of the positions, bands and past of the runs of a batch
@@ -76,11 +69,6 @@ def register(
     """
     source = checked_points(source, "source cloud")
     rows, T_initial = _checked_runs(rows, T_initial, len(source))
-    if len(reference) < chain.matches:
-        raise ValueError(
-            f"{chain.matches} matches a point need as many reference points; there are "
-            f"{len(reference)}. Hint: a larger cloud or fewer matches."
-        )
     announce_compilation(accumulate)
     used = np.zeros(len(source), dtype=bool)
     for run in {id(run): run for run in rows}.values():
