@@ -18,7 +18,7 @@ Measured: docs/engine.md.
 
 import numpy as np
 
-from icpshap.icp.compiled import jit
+from icpshap.icp.compiled import Array, jit
 
 LONGEST = 8  # poses of a round
 ROUNDING = 2e-14  # of poses: of their matrices, and in metres
@@ -31,9 +31,7 @@ class Circles:
         self.past = np.full((runs, LONGEST, 3, 4), np.nan)
         self.closed = np.zeros((runs, LONGEST + 1), dtype=np.int64)
 
-    def whole_rounds(
-        self, active: np.ndarray, T: np.ndarray, turn: int, left: np.ndarray
-    ) -> np.ndarray:
+    def whole_rounds(self, active: Array, T: Array, turn: int, left: Array) -> Array:
         """Iterations (n,) that the active runs can skip, of the (n,) that are left to each.
 
         T: (R, 4, 4) poses after iteration `turn`, which rises by one from call to call.

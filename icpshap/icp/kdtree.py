@@ -108,20 +108,19 @@ def box_distance(box: Array, node: int, x: float, y: float, z: float) -> float:
 
 
 @jit_borrowing
-def _follows(candidate, other, rows):
-    return other >= 0 and rows[candidate] > rows[other]
+def _before(d2, row, distance, other, rows):
+    """Whether a row at squared distance d2 comes before a point, -1 for none, at `distance`."""
+    return d2 < distance or (d2 == distance and (other < 0 or row < rows[other]))
 
 
 @jit_borrowing
 def insert(found: Array, distance: Array, candidate: int, d2: float, rows: Array) -> None:
     """Insert a candidate into the k best, `found` and `distance` (k,), by (distance, row)."""
+    row = rows[candidate]
     t = distance.shape[0] - 1
-    if d2 > distance[t] or (d2 == distance[t] and _follows(candidate, found[t], rows)):
+    if not _before(d2, row, distance[t], found[t], rows):
         return
-    while t > 0 and (
-        d2 < distance[t - 1]
-        or (d2 == distance[t - 1] and not _follows(candidate, found[t - 1], rows))
-    ):
+    while t > 0 and _before(d2, row, distance[t - 1], found[t - 1], rows):
         distance[t] = distance[t - 1]
         found[t] = found[t - 1]
         t -= 1
@@ -158,9 +157,7 @@ def nearest(
         depth -= 1
         node = stack[depth]
         least = box_distance(box, node, x, y, z)
-        if least > distance[last]:
-            continue
-        if least == distance[last] and found[last] >= 0 and lowest[node] > rows[found[last]]:
+        if not _before(least, lowest[node], distance[last], found[last], rows):
             continue
         while node < leaves:
             node *= 2

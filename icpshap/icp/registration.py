@@ -156,8 +156,7 @@ def _register_batch(reference, points, positions, chain, batch, result):
     T_start[:, :3, 3] -= reference.mean  # the steps below act in the reference's centred frame
     runs = len(T_start)
     T = np.tile(np.eye(4), (runs, 1, 1))
-    angles = np.empty((runs, 3))
-    lengths = np.empty((runs, 3))
+    steps = np.empty((runs, 3, 2))  # rotation [rad] and translation [m] of the last three
     iterations = result.iterations[batch]
     status = result.status[batch]
     active = np.arange(runs)
@@ -171,13 +170,13 @@ def _register_batch(reference, points, positions, chain, batch, result):
         status[active[~determined]] = "degenerate"
         active, step = active[determined], step[determined]
         T_next = step @ T[active]
-        angles[active, turn % 3] = _rotation_angles(step)
-        lengths[active, turn % 3] = np.linalg.norm(T_next[:, :3, 3] - T[active, :3, 3], axis=1)
+        steps[active, turn % 3, 0] = _rotation_angles(step)
+        steps[active, turn % 3, 1] = np.linalg.norm((T_next - T[active])[:, :3, 3], axis=1)
         T[active] = T_next
         iterations[active] += 1
         if turn >= 2:
-            still = angles[active].mean(axis=1) < stopping.rotation
-            still &= lengths[active].mean(axis=1) < stopping.translation
+            still = steps[active].mean(axis=1) < (stopping.rotation, stopping.translation)
+            still = still.all(axis=1)
             status[active[still]] = "ok"
             active = active[~still]
         left = stopping.maximum_iterations - iterations[active]
