@@ -89,8 +89,8 @@ def intrinsic(result: types.Type, *inputs: types.Type | None) -> Callable[[Calla
             kinds = [wanted or kind for wanted, kind in zip(inputs, given, strict=True)]
             return result(*kinds), write
 
-        # Of what numba gives it, the context and a value each, numba wants to know the names.
-        names = ["context", *(f"argument_{number}" for number in range(len(inputs)))]
+        # numba asks for names of what it gives: the context, and each argument's type.
+        names = [f"given_{number}" for number in range(1 + len(inputs))]
         parameters = [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in names]
         types_and_code.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         return extending.intrinsic(types_and_code)

@@ -163,11 +163,10 @@ def nearest(
             node *= 2
             left = box_distance(box, node, x, y, z)
             right = box_distance(box, node + 1, x, y, z)
-            left_first = left < right or (left == right and lowest[node] < lowest[node + 1])
-            stack[depth] = node + 1 if left_first else node
-            depth += 1
-            if not left_first:
+            if right < left or (right == left and lowest[node + 1] < lowest[node]):
                 node += 1
+            stack[depth] = node ^ 1  # the other child
+            depth += 1
         for k in range(part[node, 0], part[node, 1]):
             dx, dy, dz = points[k, 0] - x, points[k, 1] - y, points[k, 2] - z
             d2 = dx * dx + dy * dy + dz * dz

@@ -28,7 +28,7 @@ from icpshap.icp.accumulation import (
 )
 from icpshap.icp.chain import Chain
 from icpshap.icp.circles import Circles
-from icpshap.icp.compiled import announce_compilation, jit
+from icpshap.icp.compiled import Array, announce_compilation, jit
 from icpshap.icp.lanes import gram_matrices
 from icpshap.icp.order import spatial
 from icpshap.icp.reference import Reference, checked_points
@@ -46,19 +46,15 @@ class Registrations:
     pose and the steps taken until then, `iterations` of them. Its error may be NaN.
     """
 
-    T_reference_source: np.ndarray  # (R, 4, 4)
-    iterations: np.ndarray  # (R,) steps taken
-    status: np.ndarray  # (R,) one of STATUS
-    rmse: np.ndarray  # (R,) [m] of the kept links in the last matching, under the chain's metric
-    inlier_ratio: np.ndarray  # (R,) kept links of the last matching / (matches * source points)
+    T_reference_source: Array  # (R, 4, 4)
+    iterations: Array  # (R,) steps taken
+    status: Array  # (R,) one of STATUS
+    rmse: Array  # (R,) [m] of the kept links in the last matching, under the chain's metric
+    inlier_ratio: Array  # (R,) kept links of the last matching / (matches * source points)
 
 
 def register(
-    reference: Reference,
-    source: np.ndarray,
-    rows: Sequence[np.ndarray],
-    T_initial: np.ndarray,
-    chain: Chain,
+    reference: Reference, source: Array, rows: Sequence[Array], T_initial: Array, chain: Chain
 ) -> Registrations:
     """ICP of R runs: source points (m, 3) [m], source frame, onto a Reference.
 
