@@ -33,15 +33,16 @@ class Code:
 
     def in_all_lanes(self, value: ir.Value, kind: ir.VectorType) -> ir.Value:
         """A vector of that kind with the value in each lane."""
-        single = self.builder.insert_element(kind(ir.Undefined), value, INTEGER(0))
-        return self.builder.shuffle_vector(single, single, ir.VectorType(INTEGER, kind.count)(0))
+        unset = kind(ir.Undefined)
+        single = self.builder.insert_element(unset, value, INTEGER(0))
+        return self.builder.shuffle_vector(single, unset, ir.VectorType(INTEGER, kind.count)(0))
 
     def columns(self, rows: ir.Value, number: int) -> Iterator[ir.Value]:
         """The first columns of rows of four numbers, which follow one another in a vector."""
         lanes = rows.type.count // 4
         for column in range(number):
             places = ir.VectorType(INTEGER, lanes)([4 * lane + column for lane in range(lanes)])
-            yield self.builder.shuffle_vector(rows, rows, places)
+            yield self.builder.shuffle_vector(rows, rows.type(ir.Undefined), places)
 
     def bits(self, lanes: ir.Value) -> ir.Value:
         """A bit for each truth value of a vector, as a LONG."""

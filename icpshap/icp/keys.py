@@ -75,11 +75,12 @@ def decide(code: Code) -> tuple[ir.Value, ...]:
         builder.and_(builder.not_(below_made), below_unmade),
     )
     # Those from `last` on are another run's.
-    remaining = builder.trunc(builder.sub(last, first), INTEGER)
-    numbers, remaining = integers(list(range(TOGETHER))), code.in_all_lanes(remaining, integers)
-    own = builder.icmp_signed("<", numbers, remaining)
+    remaining = builder.sub(last, first)
+    ones = builder.sub(builder.shl(LONG(1), remaining), LONG(1))
+    whole = builder.icmp_signed(">=", remaining, LONG(TOGETHER))
+    own = builder.select(whole, LONG((1 << TOGETHER) - 1), ones)
     kept, made, unsure = (
-        code.bits(builder.and_(mask, own)) for mask in (below_kept, below_made, unsure)
+        builder.and_(code.bits(mask), own) for mask in (below_kept, below_made, unsure)
     )
     return builder.ctpop(kept), builder.ctpop(made), unsure
 

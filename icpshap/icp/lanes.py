@@ -98,6 +98,7 @@ def add_links(code: Code) -> None:
         builder.load(code.address(array, LONG(0), LONGS), align=8) for array in (start, count, runs)
     )
     most = code.operation(f"llvm.vector.reduce.smax.v{LANES}i64", LONG, count)
+    starts, counts = of_lanes(start), of_lanes(count)
     places = of_lanes(builder.mul(runs, LONGS(PRODUCTS)))
     lane_sums = [builder.gep(sums, [place]) for place in places]
     totals = []
@@ -107,14 +108,14 @@ def add_links(code: Code) -> None:
     for number, features in enumerate(METRICS):
         with (
             builder.if_then(builder.icmp_signed("==", metric, LONG(number))),
-            cgutils.for_range(builder, most) as queries,
+            cgutils.for_range(builder, most) as query,
         ):
-            index = code.in_all_lanes(queries.index, LONGS)
-            own = builder.icmp_signed("<", index, count)
-            query = builder.select(own, builder.add(start, index), code.in_all_lanes(spare, LONGS))
-            links = of_lanes(builder.mul(query, code.in_all_lanes(matches, LONGS)))
-            query = of_lanes(query)
-            point = [to_lanes([code.entry(axis, place) for place in query]) for axis in (x, y, z)]
+            queries = []
+            for begin, size in zip(starts, counts, strict=True):
+                own = builder.icmp_signed("<", query.index, size)
+                queries.append(builder.select(own, builder.add(begin, query.index), spare))
+            links = [builder.mul(place, matches) for place in queries]
+            point = [to_lanes([code.entry(axis, place) for place in queries]) for axis in (x, y, z)]
             with cgutils.for_range(builder, matches) as match:
                 planes = []
                 for first in links:
