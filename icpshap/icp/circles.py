@@ -36,7 +36,9 @@ class Circles:
 
         T: (R, 4, 4) poses after iteration `turn`, which rises by one from call to call.
         """
-        return _whole_rounds(active, T, turn, left, self.past, self.closed)
+        skipped = _whole_rounds(active, T, turn, left, self.past, self.closed)
+        self.past[active, turn % LONGEST] = T[active, :3]
+        return skipped
 
 
 @jit
@@ -53,8 +55,4 @@ def _whole_rounds(active, T, turn, left, past, closed):
             closed[run, length] = closed[run, length] + 1 if same else 0
             if closed[run, length] >= length and skipped[number] == 0:
                 skipped[number] = left[number] // length * length
-        for i in range(3):
-            # One by one: an array written into another compiles ten times as long.
-            for j in range(4):
-                past[run, turn % LONGEST, i, j] = T[run, i, j]
     return skipped

@@ -21,7 +21,7 @@ from icpshap.icp.healing import heal
 
 OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 BORROWING: dict[str, Any] = {**OPTIONS, "_nrt": False}  # which counts no references
-Array = np.ndarray
+Array = np.ndarray  # for signatures
 
 log = logging.getLogger(__name__)
 
