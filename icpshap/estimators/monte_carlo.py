@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from icpshap.estimators.perturb import Group
 
 
-RUNS_AT_ONCE = 1200  # runs that go through the search index together; more only cost memory
+RUNS_AT_ONCE = 5000  # runs that go through the search index together; more only cost memory
+ROWS_AT_ONCE = 50_000_000  # of their subsamples (200 MB)
 
 
 @dataclass(frozen=True)
@@ -40,10 +41,12 @@ class MonteCarlo(OwnNoise, ChainKind, Runs):
             run = icp.register(reference, points, [every], T_initial[None], chain)
             return run.T_reference_source[0], run.status[0], run.iterations[0]
 
-        for batch in perturb.batches(group.starts, max(1, RUNS_AT_ONCE // number)):
+        for batch in perturb.batches(group.starts, RUNS_AT_ONCE, ROWS_AT_ONCE):
             rows = [run for start in batch for run in start.rows]
             T_initial = np.concatenate([start.T_initial for start in batch])
-            result = icp.register(reference, batch[0].source, rows, T_initial, chain)
+            # Runs of one number use one subsample, but for points that their settings remove.
+            packets = _alike(batch[0].rows) * len(batch)
+            result = icp.register(reference, batch[0].source, rows, T_initial, chain, packets)
             if self.adds_closed_form:
                 yield from self.closed_forms(group, reference, batch, chain, from_all)
             for k, start in enumerate(batch):
@@ -59,3 +62,9 @@ class MonteCarlo(OwnNoise, ChainKind, Runs):
                     result.rmse[part],
                     result.inlier_ratio[part],
                 )
+
+
+def _alike(rows):
+    """Numbers of the runs (r,), equal for those that are given the same array."""
+    first: dict[int, int] = {}
+    return [first.setdefault(id(run), number) for number, run in enumerate(rows)]

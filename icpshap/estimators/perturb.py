@@ -261,14 +261,22 @@ def require_points(pair: Pair, setting: Setting, estimator: Estimator, streams: 
         )
 
 
-def batches(starts: Iterable[Start], size: int) -> Iterator[list[Start]]:
-    """Consecutive starts with the same source points, at most `size` at once."""
+def batches(starts: Iterable[Start], runs: int, rows: int) -> Iterator[list[Start]]:
+    """Consecutive starts with the same source points, at most so many runs and rows at once.
+
+    rows: of all their subsamples; those that several runs share count once.
+    """
     batch: list[Start] = []
+    held: dict[int, int] = {}
     for start in starts:
-        if batch and (len(batch) == size or start.source is not batch[0].source):
+        needed = held | {id(run): len(run) for run in start.rows}
+        number = (len(batch) + 1) * len(start.T_initial)
+        full = number > runs or sum(needed.values()) > rows
+        if batch and (full or start.source is not batch[0].source):
             yield batch
-            batch = []
+            batch, needed = [], {id(run): len(run) for run in start.rows}
         batch.append(start)
+        held = needed
     if batch:
         yield batch
 

@@ -22,15 +22,13 @@ search and cannot change its result: they may be shared by runs in any order.
 Measured: docs/engine.md.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
 import numpy as np
 
 from icpshap.icp import kdtree
-from icpshap.icp.compiled import jit, jit_borrowing
+from icpshap.icp.compiled import Array, jit, jit_borrowing
 from icpshap.icp.intrinsics import prefetch
 from icpshap.icp.network import LONGEST
 
@@ -45,7 +43,8 @@ SHORT = 64  # a list this short is never split
 WORTH_SPLITTING = 131_072  # candidates scanned in a cube before it is split
 DOMINATORS = 16  # points beyond the k nearest to the centre that are tried as the nearer point
 PORTIONS = (2, DOMINATORS)  # of them, beyond the k nearest, after which the rest is compacted
-HEADER = 4  # integers before the points of a record: length, candidates scanned, group, cell
+HEADER = 8  # numbers before a record's points: length, candidates scanned, group, cell, CUBE
+CUBE = 4  # place of a record's cube: centre and half side [m], the bits of float32
 TOGETHER = 64  # queries located together
 BUDGET_POINT = 1024  # candidates that fills may read, for each reference point
 BUDGET_QUERY = 256  # and for each query until then
@@ -54,23 +53,28 @@ BUDGET_QUERY = 256  # and for each query until then
 class Lists(NamedTuple):
     """Cubes and their lists for one reference and one number of matches."""
 
-    origin: np.ndarray  # (3,) lower corner of the cubed box [m]
-    shape: np.ndarray  # (3,) int64 number of coarsest cubes along each axis
-    side: np.ndarray  # (1,) side of the coarsest cubes [m]
+    tree: kdtree.Tree
+    matches: int
+    origin: Array  # (3,) lower corner of the cubed box [m]
+    shape: Array  # (3,) int64 number of coarsest cubes along each axis
+    side: Array  # (1,) side of the coarsest cubes [m]
     # int32: coarsest cubes, then 8 children each; UNFILLED, first child or -1 - record of the list
     cells: np.ndarray
-    parent: np.ndarray  # int32: list of the cube that each 8 children divide
-    records: np.ndarray  # int32: the lists, HEADER and positions in tree order
-    coarse: np.ndarray  # (n, 4) float32 points in tree order
+    parent: Array  # int32: list of the cube that each 8 children divide
+    records: Array  # int32: the lists, HEADER and positions in tree order
+    coarse: Array  # (n, 4) float32 points in tree order
     largest: float  # coordinate of any point or query in the cubed box [m]
     # (4,) int64: cells and record integers in use, candidates read by fills, queries located
     used: np.ndarray
-    scratch: np.ndarray  # (n,) int32 candidates of a coarsest cube
-    columns: np.ndarray  # (4, n) their x, y, z [m] and squared distance to the cube's centre
-    nearer: np.ndarray  # (n,) int64 points known to be nearer to the whole cube
+    stack: Array  # for searches in the tree
+    best: Array  # (matches + DOMINATORS,) int32 points nearest to a cube's centre
+    best_distance: Array  # and their squared distances from it [m^2]
+    scratch: Array  # (n,) int32 candidates of a coarsest cube
+    columns: Array  # (4, n) their x, y, z [m] and squared distance to the cube's centre
+    nearer: Array  # (n,) int64 points known to be nearer to the whole cube
 
 
-def empty_lists(tree: kdtree.Tree) -> Lists:
+def empty_lists(tree: kdtree.Tree, matches: int) -> Lists:
     """Lists without content; memory is touched only as they fill."""
     n = len(tree.points)
     low, high = tree.box[1, :3], tree.box[1, 3:]
@@ -83,6 +87,8 @@ def empty_lists(tree: kdtree.Tree) -> Lists:
     coarsest = int(np.prod(shape))
     cells = np.zeros(min(coarsest + 8 * (8000 + 16 * n), LARGEST_INDEX), dtype=np.int32)
     return Lists(
+        tree=tree,
+        matches=matches,
         origin=low - margin,
         shape=shape,
         side=np.array([side]),
@@ -92,6 +98,9 @@ def empty_lists(tree: kdtree.Tree) -> Lists:
         coarse=tree.points.astype(np.float32),
         largest=float(np.abs([low - margin, low - margin + shape * side]).max()),
         used=np.array([coarsest, 0, 0, 0]),
+        stack=np.empty(kdtree.STACK, dtype=np.int32),
+        best=np.empty(matches + DOMINATORS, dtype=np.int32),
+        best_distance=np.empty(matches + DOMINATORS),
         scratch=np.empty(n, dtype=np.int32),
         columns=np.empty((4, n)),
         nearer=np.empty(n, dtype=np.int64),
@@ -99,9 +108,10 @@ def empty_lists(tree: kdtree.Tree) -> Lists:
 
 
 @jit_borrowing
-def _fill(tree, lists, matches, cell, cx, cy, cz, half, candidates, best, best_distance):
+def _fill(lists, cell, cx, cy, cz, half, candidates):
     """Write the list of the cube (centre, half side) out of `candidates`; returns its record."""
-    points, records, used, nearer = tree.points, lists.records, lists.used, lists.nearer
+    points, records, used, nearer = lists.tree.points, lists.records, lists.used, lists.nearer
+    matches, best, best_distance = lists.matches, lists.best, lists.best_distance
     x, y, z, distance = lists.columns[0], lists.columns[1], lists.columns[2], lists.columns[3]
     count = candidates.shape[0]
     used[2] += count
@@ -123,12 +133,13 @@ def _fill(tree, lists, matches, cell, cx, cy, cz, half, candidates, best, best_d
             best_distance[t] = d2
             best[t] = q
             last = best_distance[tried - 1]
+    record, cube = used[1], records.view(np.float32)[used[1] + CUBE :]
+    cube[0], cube[1], cube[2], cube[3] = cx, cy, cz, half
     # Far above the rounding of coordinates and of the cube that a query is said to lie in.
     half *= 1.0 + 1e-6
     reach = math.sqrt(best_distance[matches - 1]) + 2.0 * math.sqrt(3.0) * half
     limit = reach * reach * (1.0 + 1e-6)
     margin = 1e-10 * limit
-    record = used[1]
     left = 0
     for k in range(count):
         near = distance[k] <= limit
@@ -165,13 +176,12 @@ def _fill(tree, lists, matches, cell, cx, cy, cz, half, candidates, best, best_d
 
 
 @jit_borrowing
-def _fill_coarsest(tree, lists, matches, cell, cx, cy, cz, half, best, best_distance, stack):
-    kdtree.nearest(tree, cx, cy, cz, np.inf, best, best_distance[:matches], stack)
-    radius = (math.sqrt(best_distance[matches - 1]) + 4.0 * half) * (1.0 + 1e-6)
-    count = kdtree.within(tree, cx, cy, cz, radius, matches, lists.scratch, stack)
-    return _fill(
-        tree, lists, matches, cell, cx, cy, cz, half, lists.scratch[:count], best, best_distance
-    )
+def _fill_coarsest(lists, cell, cx, cy, cz, half):
+    tree, nearest, stack = lists.tree, lists.best_distance[: lists.matches], lists.stack
+    kdtree.nearest(tree, cx, cy, cz, np.inf, lists.best, nearest, stack)
+    radius = (math.sqrt(nearest[-1]) + 4.0 * half) * (1.0 + 1e-6)
+    count = kdtree.within(tree, cx, cy, cz, radius, lists.matches, lists.scratch, stack)
+    return _fill(lists, cell, cx, cy, cz, half, lists.scratch[:count])
 
 
 @jit_borrowing
@@ -192,7 +202,7 @@ def divide(lists: Lists, record: int) -> int:
 
 
 @jit_borrowing
-def _fill_on_the_way(tree, lists, matches, ix, iy, iz, best, best_distance, stack):
+def _fill_on_the_way(lists, ix, iy, iz):
     """Walk to a cube that has no list yet and fill it; returns its record.
 
     -1, or that of a cube around it, if there is no room left, or no budget. ix, iy, iz: the finest
@@ -203,7 +213,8 @@ def _fill_on_the_way(tree, lists, matches, ix, iy, iz, best, best_distance, stac
     last = LEVELS - 1
     side = lists.side[0] / (1 << last)
     coarsest = shape[0] * shape[1] * shape[2]
-    budget = BUDGET_POINT * tree.points.shape[0] + BUDGET_QUERY * used[3]
+    points = lists.tree.points.shape[0]
+    budget = BUDGET_POINT * points + BUDGET_QUERY * used[3]
     cell = ((iz >> last) * shape[1] + (iy >> last)) * shape[0] + (ix >> last)
     children = np.int64(-1)
     level = last
@@ -217,21 +228,17 @@ def _fill_on_the_way(tree, lists, matches, ix, iy, iz, best, best_distance, stac
             named = cell if level > 0 else np.int64(-1)
             half = 0.5 * width
             if level == last:
-                room = used[1] + HEADER + tree.points.shape[0] <= records.shape[0]
+                room = used[1] + HEADER + points <= records.shape[0]
                 if not room or used[2] > budget:
                     return np.int64(-1)
-                record = _fill_coarsest(
-                    tree, lists, matches, named, cx, cy, cz, half, best, best_distance, stack
-                )
+                record = _fill_coarsest(lists, named, cx, cy, cz, half)
             else:
                 record = np.int64(lists.parent[(children - coarsest) >> 3])
                 room = used[1] + HEADER + records[record] <= records.shape[0]
                 if not room or used[2] > budget:
                     return record
                 inherited = records[record + HEADER : record + HEADER + records[record]]
-                record = _fill(
-                    tree, lists, matches, named, cx, cy, cz, half, inherited, best, best_distance
-                )
+                record = _fill(lists, named, cx, cy, cz, half, inherited)
             entry = -1 - record
             cells[cell] = entry
         if entry < 0:
@@ -256,16 +263,7 @@ def _spread(bits):
 
 
 @jit
-def locate(
-    tree: kdtree.Tree,
-    lists: Lists,
-    matches: int,
-    x: np.ndarray,
-    y: np.ndarray,
-    z: np.ndarray,
-    count: int,
-    where: np.ndarray,
-) -> None:
+def locate(lists: Lists, x: Array, y: Array, z: Array, count: int, where: Array) -> None:
     """where[i] = record of the list to search for query i; -1 if only the tree can answer.
 
     Queries go down level by level, many together and without a branch that depends on one of them,
@@ -277,9 +275,6 @@ def locate(
     x0, y0, z0 = origin[0], origin[1], origin[2]
     columns, rows = shape[0], shape[1]
     x_end, y_end, z_end = shape[0] << last, shape[1] << last, shape[2] << last
-    best = np.empty(matches + DOMINATORS, np.int32)
-    best_distance = np.empty(matches + DOMINATORS)
-    stack = np.empty(kdtree.STACK, np.int32)
     lists.used[3] += count
     finest = np.empty((TOGETHER, 3), np.int64)
     inside = np.empty(TOGETHER, np.bool_)
@@ -318,9 +313,7 @@ def locate(
                 record = np.int64(-1)
             elif record < 0:
                 ix, iy, iz = finest[j, 0], finest[j, 1], finest[j, 2]
-                record = _fill_on_the_way(
-                    tree, lists, matches, ix, iy, iz, best, best_distance, stack
-                )
+                record = _fill_on_the_way(lists, ix, iy, iz)
             else:
                 prefetch(records, record)
             where[np.uint64(first + j)] = record

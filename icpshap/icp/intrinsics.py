@@ -44,6 +44,15 @@ class Code:
             places = ir.VectorType(INTEGER, lanes)([4 * lane + column for lane in range(lanes)])
             yield self.builder.shuffle_vector(rows, rows.type(ir.Undefined), places)
 
+    def joined(self, vectors: list[ir.Value]) -> ir.Value:
+        """The entries of vectors, a power of two of them, in one."""
+        while len(vectors) > 1:
+            size = 2 * vectors[0].type.count
+            both = ir.VectorType(INTEGER, size)(list(range(size)))
+            pairs = zip(vectors[::2], vectors[1::2], strict=True)
+            vectors = [self.builder.shuffle_vector(a, b, both) for a, b in pairs]
+        return vectors[0]
+
     def bits(self, lanes: ir.Value) -> ir.Value:
         """A bit for each truth value of a vector, as a LONG."""
         bits = self.builder.bitcast(lanes, ir.IntType(lanes.type.count))

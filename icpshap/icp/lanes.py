@@ -59,16 +59,6 @@ def gram_matrices(products: np.ndarray) -> np.ndarray:
     return gram
 
 
-def _joined(builder, vectors):
-    """The entries of vectors, a power of two of them, in one."""
-    while len(vectors) > 1:
-        size = 2 * vectors[0].type.count
-        both = ir.VectorType(INTEGER, size)(list(range(size)))
-        pairs = zip(vectors[::2], vectors[1::2], strict=True)
-        vectors = [builder.shuffle_vector(a, b, both) for a, b in pairs]
-    return vectors[0]
-
-
 @intrinsic(
     types.void, types.int64, *[ARRAY] * 4, types.int64, *[ARRAY] * 3, types.int64, ARRAY, ARRAY
 )
@@ -122,7 +112,7 @@ def add_links(code: Code) -> None:
                     row = builder.sext(code.entry(rows, builder.add(first, match.index)), LONG)
                     address = code.address(surface, builder.mul(row, LONG(4)), ROW)
                     planes.append(builder.load(address, align=8))
-                columns = code.columns(_joined(builder, planes), 4)
+                columns = code.columns(code.joined(planes), 4)
                 values = features(*(Lanes(builder, value) for value in (*point, *columns)))
                 upper = itertools.combinations_with_replacement(values, 2)
                 for (a, b), total in zip(upper, totals, strict=True):

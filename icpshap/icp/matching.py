@@ -15,28 +15,15 @@ found.
 Measured: docs/engine.md.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from icpshap.icp import kdtree, keys
-from icpshap.icp.candidates import HEADER, SHORT, WORTH_SPLITTING, divide, locate
-from icpshap.icp.compiled import jit, jit_borrowing
+from icpshap.icp.candidates import HEADER, SHORT, WORTH_SPLITTING, Lists, divide, locate
+from icpshap.icp.compiled import Array, jit, jit_borrowing
 from icpshap.icp.intrinsics import prefetch
-from icpshap.icp.network import (
-    LANES,
-    LONGEST,
-    PLACE,
-    nearest_five,
-    nearest_one,
-    nearest_three,
-)
-
-if TYPE_CHECKING:
-    from icpshap.icp.candidates import Lists
-
+from icpshap.icp.network import LANES, LONGEST, PLACE, nearest_five, nearest_one, nearest_three
 
 GROUPS_AHEAD = 6  # groups before a list is read, it is asked for
 LINES_AHEAD = 5  # cache lines of it
@@ -46,18 +33,18 @@ LINKS_AHEAD = 24  # links before a point is read, it is asked for
 class Work(NamedTuple):
     """Arrays for queries that are matched together."""
 
-    x: np.ndarray  # (n + TOGETHER + 1,) queries [m]; the last one is none
-    y: np.ndarray
-    z: np.ndarray
+    x: Array  # (n + TOGETHER + 1,) queries [m]; the last one is none
+    y: Array
+    z: Array
     # (n * matches + TOGETHER,) int64: key of each link's length in the upper half, reference point
     # (tree order; -1 for none within the limit) in the lower; ascending for each query
-    links: np.ndarray
-    where: np.ndarray  # (n,) int32 record of each query's list; later its group
+    links: Array
+    where: Array  # (n,) int32 record of each query's list; later its group
     # (n + LANES, 4) float32 queries sorted by group: x, y, z [m]; the bits of their numbers
-    ordered: np.ndarray
-    group_list: np.ndarray  # (n,) int32 record of each group
-    group_end: np.ndarray  # (n,) int32 end of each group in `ordered`
-    nearest: np.ndarray  # (5 LANES,) int32 keys of the nearest, one row of LANES for each rank
+    ordered: Array
+    group_list: Array  # (n,) int32 record of each group
+    group_end: Array  # (n,) int32 end of each group in `ordered`
+    nearest: Array  # (6 LANES,) int32 keys of the nearest, one row of LANES for each rank
 
 
 def work_arrays(queries: int, matches: int) -> Work:
@@ -67,29 +54,67 @@ def work_arrays(queries: int, matches: int) -> Work:
     where, group_list, group_end = (np.empty(queries, dtype=np.int32) for _ in range(3))
     # The lanes behind the last query of a group are computed and ignored: they must exist.
     ordered = np.zeros((queries + LANES, 4), dtype=np.float32)
-    nearest = np.zeros(5 * LANES, dtype=np.int32)
+    nearest = np.zeros(6 * LANES, dtype=np.int32)
     links = np.zeros(queries * matches + keys.TOGETHER, dtype=np.int64)
     return Work(x, y, z, links, where, ordered, group_list, group_end, nearest)
 
 
 @jit_borrowing
-def squared_distance(points: np.ndarray, q: int, x: float, y: float, z: float) -> float:
+def move(
+    points: Array, positions: Array, T: Array, run: int, x: Array, y: Array, z: Array, begin: int
+) -> int:
+    """Points of some positions, moved by T[run], to x, y, z from `begin` on; returns how many."""
+    r00, r01, r02, tx = T[run, 0, 0], T[run, 0, 1], T[run, 0, 2], T[run, 0, 3]
+    r10, r11, r12, ty = T[run, 1, 0], T[run, 1, 1], T[run, 1, 2], T[run, 1, 3]
+    r20, r21, r22, tz = T[run, 2, 0], T[run, 2, 1], T[run, 2, 2], T[run, 2, 3]
+    for k in range(len(positions)):
+        # Unsigned, or numba would ask of each index whether it counts from the end.
+        p, i = np.uint64(positions[np.uint64(k)]), np.uint64(begin + k)
+        px, py, pz = points[p, 0], points[p, 1], points[p, 2]
+        x[i] = r00 * px + r01 * py + r02 * pz + tx
+        y[i] = r10 * px + r11 * py + r12 * pz + ty
+        z[i] = r20 * px + r21 * py + r22 * pz + tz
+    return len(positions)
+
+
+@jit_borrowing
+def squared_distance(points: Array, q: int, x: float, y: float, z: float) -> float:
     """From (x, y, z) to points[q] [m^2], by the operations of the k-d tree."""
     dx, dy, dz = points[q, 0] - x, points[q, 1] - y, points[q, 2] - z
     return dx * dx + dy * dy + dz * dz
 
 
 @jit_borrowing
-def _scan(points, index, records, first, count, x, y, z, matches, found, distance):
-    """The k nearest of a list by full distances, lowest index on ties."""
-    for t in range(matches):
-        found[t] = -1
-        distance[t] = np.inf
-    for k in range(count):
-        q = records[np.uint64(first + k)]
+def scan(lists: Lists, work: Work, i: int, candidates: Array) -> None:
+    """Links of query i to the nearest candidates by full distances, the lowest row first."""
+    points, rows, x, y, z = lists.tree.points, lists.tree.rows, work.x[i], work.y[i], work.z[i]
+    found, distance = lists.best[: lists.matches], lists.best_distance[: lists.matches]
+    found[:] = -1
+    distance[:] = np.inf
+    for k in range(candidates.shape[0]):
+        q = candidates[np.uint64(k)]
         d2 = squared_distance(points, np.uint64(q), x, y, z)
-        if d2 <= distance[matches - 1]:
-            kdtree.insert(found, distance, q, d2, index)
+        if d2 <= distance[-1]:
+            kdtree.insert(found, distance, q, d2, rows)
+    _write_links(work, i, found, distance)
+
+
+@jit_borrowing
+def _search(lists, work, i, limit):
+    """Links of query i by the tree."""
+    x, y, z = work.x[i], work.y[i], work.z[i]
+    found, distance = lists.best[: lists.matches], lists.best_distance[: lists.matches]
+    kdtree.nearest(lists.tree, x, y, z, limit, found, distance, lists.stack)
+    _write_links(work, i, found, distance)
+
+
+@jit_borrowing
+def _write_links(work, i, found, distance):
+    matches = found.shape[0]
+    for t in range(matches):
+        made = found[t] >= 0 and distance[t] < np.inf
+        key = np.float32(min(distance[t], keys.LARGEST)).view(np.int32) if made else keys.NEVER
+        work.links[np.int64(i) * matches + t] = _link(key, found[t])
 
 
 @jit
@@ -98,16 +123,7 @@ def _link(key, found):
 
 
 @jit_borrowing
-def _write_links(matches, found, distance, links, first):
-    """Links out of full distances."""
-    for t in range(matches):
-        made = found[t] >= 0 and distance[t] < np.inf
-        key = np.float32(min(distance[t], keys.LARGEST)).view(np.int32) if made else keys.NEVER
-        links[first + t] = _link(key, found[t])
-
-
-@jit_borrowing
-def _sort_by_list(records, count, work):
+def sort_by_list(records: Array, count: int, work: Work) -> int:
     """Sort the queries with a list by list, in linear time; returns the number of groups."""
     x, y, z, where, ordered = work.x, work.y, work.z, work.where, work.ordered
     group_list, group_end = work.group_list, work.group_end
@@ -142,101 +158,86 @@ def _sort_by_list(records, count, work):
     return groups
 
 
+@jit_borrowing
+def visit(lists: Lists, work: Work, group: int, groups: int, queries: int) -> tuple[int, int]:
+    """Record of a group's list, which so many queries are about to read, and its length.
+
+    The cube is split once that pays, and lists that are read soon are asked for.
+    """
+    records, group_list = lists.records, work.group_list
+    for line in range(LINES_AHEAD):
+        prefetch(records, group_list[min(group + GROUPS_AHEAD, groups - 1)] + 16 * line)
+    record = group_list[group]
+    length = records[record]
+    if length > SHORT:
+        scanned = records[record + 1] + length * queries
+        if records[record + 1] < WORTH_SPLITTING <= scanned:
+            divide(lists, record)
+        records[record + 1] = min(scanned, WORTH_SPLITTING)
+    return record, length
+
+
 @jit
-def match(
-    tree: kdtree.Tree, lists: Lists, matches: int, limit: float, count: int, work: Work
-) -> None:
+def match(lists: Lists, limit: float, count: int, work: Work) -> None:
     """Links of the first `count` queries of `work` to their k nearest reference points.
 
     A link is left out only if it is longer than the square root of `limit`; some that are may stay.
     """
+    locate(lists, work.x, work.y, work.z, count, work.where)
+    _read_lists(lists, limit, count, work, np.empty(5, np.int32))
+
+
+@jit_borrowing
+def _read_lists(lists, limit, count, work, few):
     # Named once: taking an array out of a tuple, or a slice of one, costs more than a distance.
-    largest = lists.largest
-    points, index, records, coarse = tree.points, tree.rows, lists.records, lists.coarse
-    qx, qy, qz, where, ordered = work.x, work.y, work.z, work.where, work.ordered
-    group_list, group_end, links = work.group_list, work.group_end, work.links
-    nearest = work.nearest
-    number = ordered.view(np.int32)
-    stack = np.empty(kdtree.STACK, np.int32)
-    found = np.empty(matches, np.int32)
-    distance = np.empty(matches)
-    few = np.empty(1 if matches == 1 else 3 if matches <= 3 else 5, np.int32)
-    locate(tree, lists, matches, qx, qy, qz, count, where)
+    matches, largest, records, coarse = lists.matches, lists.largest, lists.records, lists.coarse
+    where, ordered, links, nearest = work.where, work.ordered, work.links, work.nearest
+    number, group_end = ordered.view(np.int32), work.group_end
+    few = few[: 1 if matches == 1 else 3 if matches <= 3 else 5]
     for i in range(count):
         if where[i] < 0:
-            kdtree.nearest(tree, qx[i], qy[i], qz[i], limit, found, distance, stack)
-            _write_links(matches, found, distance, links, i * matches)
-    groups = _sort_by_list(records, count, work)
+            _search(lists, work, i, limit)
+    groups = sort_by_list(records, count, work)
     begin = 0
     for group in range(groups):
-        for line in range(LINES_AHEAD):
-            prefetch(records, group_list[min(group + GROUPS_AHEAD, groups - 1)] + 16 * line)
-        record = group_list[group]
-        first, length = record + HEADER, records[record]
         end = group_end[group]
-        if length > SHORT:
-            scanned = records[record + 1] + length * (end - begin)
-            if records[record + 1] < WORTH_SPLITTING <= scanned:
-                divide(lists, record)
-            records[record + 1] = min(scanned, WORTH_SPLITTING)
+        record, length = visit(lists, work, group, groups, end - begin)
+        first = record + HEADER
         if length > LONGEST:
             for row in range(begin, end):
-                i = number[row, 3]
-                kdtree.nearest(tree, qx[i], qy[i], qz[i], limit, found, distance, stack)
-                link = np.int64(i) * matches
-                _write_links(matches, found, distance, links, link)
+                _search(lists, work, number[row, 3], limit)
             begin = end
         while begin < end:
+            queries = (coarse, records, first, length, ordered, begin, largest, nearest)
             if matches == 1:
-                undecided, unordered = nearest_one(
-                    coarse, records, first, length, ordered, begin, largest, nearest
-                )
+                undecided, unordered = nearest_one(*queries)
             elif matches <= 3:
-                undecided, unordered = nearest_three(
-                    coarse, records, first, length, ordered, begin, largest, nearest
-                )
+                undecided, unordered = nearest_three(*queries)
             else:
-                undecided, unordered = nearest_five(
-                    coarse, records, first, length, ordered, begin, largest, nearest
-                )
+                undecided, unordered = nearest_five(*queries)
             for lane in range(min(LANES, end - begin)):
                 row = np.uint64(begin + lane)
                 i = np.uint64(number[row, 3])
-                link = i * np.uint64(matches)
-                if (undecided | unordered) >> np.uint64(lane) & np.uint64(1):
-                    x, y, z = qx[i], qy[i], qz[i]
-                    if undecided >> np.uint64(lane) & np.uint64(1):
-                        _scan(
-                            *(points, index, records, first, length),
-                            *(x, y, z, matches, found, distance),
-                        )
-                    else:
-                        for t in range(len(few)):
-                            few[t] = records[first + (nearest[t * LANES + lane] & PLACE)]
-                        _scan(
-                            *(points, index, few, 0, len(few)),
-                            *(x, y, z, matches, found, distance),
-                        )
-                    _write_links(matches, found, distance, links, link)
-                    continue
-                for t in range(matches):
-                    key = nearest[np.uint64(t * LANES + lane)]
-                    entry = np.uint64(first) + np.uint64(key & PLACE)
-                    links[link] = _link(key, records[entry])
-                    link += np.uint64(1)
+                if undecided >> np.uint64(lane) & np.uint64(1):
+                    scan(lists, work, i, records[first : first + length])
+                elif unordered >> np.uint64(lane) & np.uint64(1):
+                    for t in range(len(few)):
+                        few[t] = records[first + (nearest[t * LANES + lane] & PLACE)]
+                    scan(lists, work, i, few)
+                else:
+                    link = i * np.uint64(matches)
+                    for t in range(matches):
+                        key = nearest[np.uint64(t * LANES + lane)]
+                        entry = np.uint64(first) + np.uint64(key & PLACE)
+                        links[link] = _link(key, records[entry])
+                        link += np.uint64(1)
             begin += LANES
         begin = end
 
 
 @jit_borrowing
 def measure(
-    points: np.ndarray,
-    limit: float,
-    count: int,
-    matches: int,
-    work: Work,
-    found: np.ndarray,
-    distance: np.ndarray,
+    lists: Lists, limit: float, count: int, work: Work, found: Array, distance: Array
 ) -> None:
     """Reference points and squared lengths [m^2] of the first `count` queries' links.
 
@@ -244,7 +245,7 @@ def measure(
     `limit`.
     """
     # In the order of the queries, which streams; it is known which points to ask for in advance.
-    links = work.links
+    points, matches, links = lists.tree.points, lists.matches, work.links
     last = count * matches - 1
     for i in range(count):
         x, y, z = work.x[i], work.y[i], work.z[i]

@@ -27,14 +27,14 @@ class Matcher:
         are not finite, and where the reference has fewer points than `matches`.
         """
         points = checked_points(points, "points to match") - self.reference.mean
-        tree, work = self.reference.tree, self._work
+        lists, work = self.reference.lists(self.matches), self._work
         distance = np.empty((len(points), self.matches))
         found = np.empty((len(points), self.matches), np.int32)
         for first in range(0, len(points), QUERIES):
             part = slice(first, first + QUERIES)
             count = len(points[part])
             work.x[:count], work.y[:count], work.z[:count] = points[part].T
-            match(tree, self.reference.lists(self.matches), self.matches, limit, count, work)
+            match(lists, limit, count, work)
             links = found[part].reshape(-1), distance[part].reshape(-1)
-            measure(tree.points, limit, count, self.matches, work, *links)
-        return distance, np.where(found >= 0, tree.rows[found], -1)
+            measure(lists, limit, count, work, *links)
+        return distance, np.where(found >= 0, lists.tree.rows[found], -1)

@@ -24,12 +24,13 @@ Measured: docs/engine.md.
 
 import functools
 import itertools
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 
-from icpshap.icp.intrinsics import ARRAY, INTEGER, LONG, intrinsic
+from icpshap.icp.intrinsics import ARRAY, INTEGER, LONG, Code, intrinsic
 
 LANES = 16
 PLACE = 255  # the bits of a key that hold a place
@@ -43,14 +44,52 @@ ROWS = ir.VectorType(ir.FloatType(), 4 * LANES)
 FUSED = ("contract",)  # a product and the sum that it enters may round once
 
 
+def squared_distance(
+    builder: ir.IRBuilder, one: Iterable[ir.Value], other: Iterable[ir.Value]
+) -> ir.Value:
+    """Of the points in each lane, x, y and z of REALS."""
+    differences = [builder.fsub(a, b) for a, b in zip(one, other, strict=True)]
+    x, y, z = (builder.fmul(d, d, flags=FUSED) for d in differences)
+    return builder.fadd(builder.fadd(x, y, flags=FUSED), z, flags=FUSED)
+
+
+def rounding(code: Code, largest: ir.Value) -> ir.Value:
+    """4 e in all lanes, for coordinates up to `largest`; infinite where keys decide nothing."""
+    fits = code.builder.fcmp_ordered("<=", largest, largest.type(LARGEST))
+    absolute = code.builder.fmul(largest, largest.type(ABSOLUTE))
+    absolute = code.builder.select(fits, absolute, largest.type(np.inf))
+    return code.in_all_lanes(code.builder.fptrunc(absolute, REALS.element), REALS)
+
+
+def length(code: Code, squared: ir.Value) -> ir.Value:
+    """The square root in each lane."""
+    return code.operation(f"llvm.sqrt.v{LANES}f32", REALS, squared)
+
+
+def without_place(builder: ir.IRBuilder, key: ir.Value) -> ir.Value:
+    """The squared length of keys."""
+    return builder.bitcast(builder.and_(key, INTEGERS(~PLACE)), REALS)
+
+
+def not_surely_ascending(
+    code: Code, keys: Iterable[ir.Value], absolute: ir.Value
+) -> Iterator[ir.Value]:
+    """Of each two neighbouring keys, whether the farther point may be as near."""
+    bare = [without_place(code.builder, key) for key in keys]
+    for nearer, farther in itertools.pairwise(bare):
+        bound = code.builder.fmul(farther, REALS(1.0 - RELATIVE))
+        moved = code.builder.fmul(absolute, length(code, farther))
+        yield code.builder.fcmp_unordered(">=", nearer, code.builder.fsub(bound, moved))
+
+
 def _network(ranks):
-    """A compiled function: the `ranks` - 1 nearest candidates of LANES queries, ascending.
+    """A compiled function: the keys of LANES queries' `ranks` nearest candidates, ascending.
 
     nearest(coarse, records, first, count, queries, begin, largest, key). coarse: (n, 4) float32
     points; records[first : first + count]: the candidates; queries: (m, 4) float32, of which those
-    from `begin` on are meant; largest: size of any coordinate, at least 1e-3; key:
-    (ranks - 1, LANES) int32, flat, set to the keys. Returns the queries that are undecided and
-    those that are unordered, one bit for each.
+    from `begin` on are meant; largest: size of any coordinate, at least 1e-3; key: (ranks, LANES)
+    int32, flat, set to the keys. Returns the queries of which the `ranks` - 1 nearest are undecided
+    and those of which they are unordered, one bit for each.
     """
 
     @intrinsic(
@@ -68,17 +107,14 @@ def _network(ranks):
         with cgutils.for_range(builder, count) as loop:
             candidate = builder.sext(code.entry(records, builder.add(first, loop.index)), LONG)
             base = builder.mul(candidate, LONG(4))
-            differences = []
-            for axis in range(3):
-                coordinate = code.entry(coarse, builder.add(base, LONG(axis)))
-                coordinate = code.in_all_lanes(coordinate, REALS)
-                # In this order, it is read as part of the subtraction.
-                differences.append(builder.fsub(query[axis], coordinate))
-            x, y, z = (builder.fmul(d, d, flags=FUSED) for d in differences)
-            squared = builder.fadd(builder.fadd(x, y, flags=FUSED), z, flags=FUSED)
-            value = builder.and_(builder.bitcast(squared, INTEGERS), INTEGERS(~PLACE))
-            place = builder.trunc(loop.index, INTEGER)
-            value = builder.or_(value, code.in_all_lanes(place, INTEGERS))
+            # One by one, as they are asked for: so each is read as part of its subtraction.
+            point = (
+                code.in_all_lanes(code.entry(coarse, builder.add(base, LONG(axis))), REALS)
+                for axis in range(3)
+            )
+            value = builder.bitcast(squared_distance(builder, query, point), INTEGERS)
+            place = code.in_all_lanes(builder.trunc(loop.index, INTEGER), INTEGERS)
+            value = builder.or_(builder.and_(value, INTEGERS(~PLACE)), place)
             for row in smallest:
                 kept = builder.load(row)
                 less = builder.icmp_signed("<", value, kept)
@@ -86,19 +122,9 @@ def _network(ranks):
                 value = builder.select(less, kept, value)
 
         keys = [builder.load(row) for row in smallest]
-        bare = [builder.bitcast(builder.and_(key, INTEGERS(~PLACE)), REALS) for key in keys]
-        fits = builder.fcmp_ordered("<=", largest, largest.type(LARGEST))
-        absolute = builder.fmul(largest, largest.type(ABSOLUTE))
-        absolute = builder.select(fits, absolute, largest.type(np.inf))
-        absolute = code.in_all_lanes(builder.fptrunc(absolute, REALS.element), REALS)
-        unsure = []
-        for nearer, farther in itertools.pairwise(bare):
-            root = code.operation(f"llvm.sqrt.v{LANES}f32", REALS, farther)
-            bound = builder.fmul(farther, REALS(1.0 - RELATIVE))
-            bound = builder.fsub(bound, builder.fmul(absolute, root))
-            unsure.append(code.bits(builder.fcmp_unordered(">=", nearer, bound)))
+        unsure = map(code.bits, not_surely_ascending(code, keys, rounding(code, largest)))
         *unordered, undecided = unsure
-        for rank, nearest_key in enumerate(keys[:-1]):
+        for rank, nearest_key in enumerate(keys):
             builder.store(nearest_key, code.address(key, LONG(rank * LANES), INTEGERS), align=4)
         return undecided, functools.reduce(builder.or_, unordered, LONG(0))
 

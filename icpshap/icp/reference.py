@@ -127,7 +127,7 @@ class Reference:
                 "Hint: a larger cloud or fewer matches."
             )
         if matches not in self._lists:
-            self._lists[matches] = empty_lists(self.tree)
+            self._lists[matches] = empty_lists(self.tree, matches)
         if nearly_full(self._lists[matches]):
             forget(self._lists[matches])
         return self._lists[matches]

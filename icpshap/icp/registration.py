@@ -17,15 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from icpshap.icp.accumulation import (
-    BAND_LINK,
-    BLOCK,
-    QUERIES,
-    KeptLinks,
-    accumulate,
-    band_room,
-    once_each,
-)
+from icpshap.icp.accumulation import BAND_LINK, QUERIES, KeptLinks, accumulate, band_room
+from icpshap.icp.batches import BLOCK, once_each
 from icpshap.icp.chain import Chain
 from icpshap.icp.circles import Circles
 from icpshap.icp.compiled import Array, announce_compilation, jit
@@ -34,7 +27,7 @@ from icpshap.icp.order import spatial
 from icpshap.icp.reference import Reference, checked_points
 
 STATUS = ("ok", "max_iterations", "too_few_links", "degenerate")
-BATCH_BYTES = 400_000_000  # of the positions, bands and past of the runs of a batch
+BATCH_BYTES = 250_000_000  # of the positions, bands and past of the runs of a batch
 RUN_BYTES = 1_100  # of the poses and sums of a run
 
 
@@ -54,18 +47,29 @@ class Registrations:
 
 
 def register(
-    reference: Reference, source: Array, rows: Sequence[Array], T_initial: Array, chain: Chain
+    reference: Reference,
+    source: Array,
+    rows: Sequence[Array],
+    T_initial: Array,
+    chain: Chain,
+    packets: Sequence[int] | None = None,
 ) -> Registrations:
     """ICP of R runs: source points (m, 3) [m], source frame, onto a Reference.
 
     rows: R ascending integer arrays, the source rows each run uses. Runs that are given the same
     array object share the memory for it.
     T_initial: (R, 4, 4), T_reference_source at the start.
-    Returns Registrations. Raises ValueError for points, poses or rows that cannot be used.
+    packets: R numbers, equal for runs that use the same rows but for a few, which are then matched
+    together where they are near one another; None: for those that are given the same array object.
+    They change no byte.
+    Returns Registrations. Raises ValueError for points, poses, rows or packets that cannot be used.
     """
     source = checked_points(source, "source cloud")
     rows, T_initial = _checked_runs(rows, T_initial, len(source))
     announce_compilation(accumulate)
+    number = _checked_packets([id(run) for run in rows] if packets is None else packets, len(rows))
+    sequence = np.argsort(number, kind="stable")
+    rows, number = [rows[run] for run in sequence], number[sequence]
     used = np.zeros(len(source), dtype=bool)
     for run in {id(run): run for run in rows}.values():
         used[run] = True
@@ -75,7 +79,7 @@ def register(
     position[order] = np.arange(len(order), dtype=np.int32)
     source = source[order]
     result = Registrations(
-        T_reference_source=T_initial.copy(),
+        T_reference_source=T_initial[sequence],
         iterations=np.zeros(len(rows), dtype=np.int64),
         status=np.full(len(rows), "max_iterations", dtype=f"<U{max(map(len, STATUS))}"),
         rmse=np.full(len(rows), np.nan),
@@ -83,8 +87,10 @@ def register(
     )
     for batch in _batches(np.array([len(run) for run in rows]), len(source), chain.matches):
         positions = once_each(lambda run: np.sort(position[run]), rows[batch])
-        _register_batch(reference, source, positions, chain, batch, result)
-    return result
+        kept_links = KeptLinks(reference, source, positions, number[batch], chain)
+        _register_batch(reference, kept_links, chain, batch, result)
+    given = np.argsort(sequence)
+    return Registrations(*(values[given] for values in vars(result).values()))
 
 
 def _checked_runs(rows, T_initial, source_points):
@@ -116,6 +122,17 @@ def _checked_runs(rows, T_initial, source_points):
     return rows, T_initial
 
 
+def _checked_packets(packets, runs):
+    # A list without numbers has no type of its own.
+    number = np.asarray(packets, int if runs == 0 and len(packets) == 0 else None)
+    if number.dtype.kind not in "iu" or number.shape != (runs,):
+        raise ValueError(
+            f"packets: expected a whole number for each of {runs} runs, got {number.dtype} of "
+            f"shape {number.shape}."
+        )
+    return number.astype(np.int64)
+
+
 def _batches(lengths, source_points, matches):
     """Slices of runs, of that many points each, that fit into memory and cache together."""
     memory = RUN_BYTES + 4 * lengths + BAND_LINK.itemsize * band_room(matches * lengths)
@@ -144,10 +161,9 @@ def _rotation_angles(T):
     return result
 
 
-def _register_batch(reference, points, positions, chain, batch, result):
-    """Write the results of the runs in the slice `batch`, at those positions, into `result`."""
+def _register_batch(reference, kept_links, chain, batch, result):
+    """Write the results of the runs in the slice `batch`, those of `kept_links`, into `result`."""
     minimiser, stopping = chain.error_minimiser, chain.stopping
-    kept_links = KeptLinks(reference, points, positions, chain)
     T_start = result.T_reference_source[batch].copy()
     T_start[:, :3, 3] -= reference.mean  # the steps below act in the reference's centred frame
     runs = len(T_start)

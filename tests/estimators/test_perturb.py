@@ -86,8 +86,7 @@ def test_starts_with_the_same_source_hold_the_same_array_one_after_the_other(roo
     (group,) = groups(room_pair, settings)
     starts = list(group.starts)
     assert all(start.source is starts[0].source for start in starts)
-    assert len(list(perturb.batches(iter(starts), 10))) == 1
-    assert [len(batch) for batch in perturb.batches(iter(starts), 2)] == [2, 1]
+    assert len(list(perturb.batches(iter(starts), 10**9, 10**9))) == 1
 
 
 def test_starts_that_differ_in_their_initial_poses_alone_come_together(room_pair):
@@ -311,3 +310,25 @@ def test_points_that_the_voxel_filter_leaves_out_count_as_left_out(room_pair):
     estimator = Estimator.of("monte_carlo", {"voxel_size": 3.0}).of_causes(NAMES)
     with pytest.raises(PerturbationError, match="leave a run"):
         perturb.require_points(room_pair, setting, estimator, STREAMS)
+
+
+def test_batches_hold_at_most_so_many_runs_and_rows(room_pair):
+    levels = [0.0, 0.1, 0.2, 0.3]
+    settings = [
+        Setting.at({"sensor_noise": 0.0, "initial_pose": scale, "partial_overlap": level})
+        for level in levels
+        for scale in (1.0, 2.0)
+    ]
+    (group, *_) = groups(room_pair, settings)
+    starts = list(group.starts)
+    number = len(starts[0].T_initial)
+    rows = [sum(map(len, start.rows)) for start in starts]  # shared by the two scales of a level
+
+    def cut(runs, most):
+        return [len(batch) for batch in perturb.batches(starts, runs, most)]
+
+    assert cut(8 * number, 10**9) == [8]
+    assert cut(3 * number, 10**9) == [3, 3, 2]
+    assert cut(8 * number, rows[0] + rows[2]) == [4, 4]
+    assert cut(8 * number, rows[0]) == [2, 2, 2, 2]
+    assert cut(1, 1) == [1] * 8  # one setting at least, whatever it takes

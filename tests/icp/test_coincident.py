@@ -174,8 +174,8 @@ def test_the_budget_of_fills_is_kept_and_changes_no_match(left):
     work = work_arrays(count, 3)
     work.x[:count], work.y[:count], work.z[:count] = queries.T
     found, distance = np.empty(3 * count, np.int32), np.empty(3 * count)
-    match(reference.tree, lists, 3, np.inf, count, work)
-    measure(reference.tree.points, np.inf, count, 3, work, found, distance)
+    match(lists, np.inf, count, work)
+    measure(lists, np.inf, count, work, found, distance)
     d2, index = brute_force(points - reference.mean, queries, 3)
     np.testing.assert_array_equal(distance.reshape(-1, 3), d2)
     np.testing.assert_array_equal(reference.tree.rows[found].reshape(-1, 3), index)

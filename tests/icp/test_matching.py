@@ -71,8 +71,8 @@ def engine_matches(reference, queries, matches, limit=np.inf, room=None):
     found = np.empty(count * matches, dtype=np.int32)
     distance = np.empty(count * matches)
     for _ in range(LEVELS):
-        match(tree, lists, matches, limit, count, work)
-        measure(tree.points, limit, count, matches, work, found, distance)
+        match(lists, limit, count, work)
+        measure(lists, limit, count, work, found, distance)
         divide_soon(lists)
     index = np.where(found >= 0, tree.rows[found], -1)
     return distance.reshape(-1, matches), index.reshape(-1, matches), queries, reference
@@ -202,7 +202,7 @@ def test_the_network_decides_nearly_all_queries_and_never_wrongly(scale):
     rng = np.random.default_rng(3)
     points = np.zeros((250, 4))
     queries = np.zeros((LANES, 4))
-    key = np.zeros(3 * LANES, dtype=np.int32)
+    key = np.zeros(4 * LANES, dtype=np.int32)
     records = np.arange(250, dtype=np.int32)
     decided = []
     for closeness in np.repeat([1.0, 1e-3, 1e-5, 1e-7, 0.0], 40):
@@ -216,7 +216,7 @@ def test_the_network_decides_nearly_all_queries_and_never_wrongly(scale):
         x, y, z, _ = (points - queries[0]).T
         expected = np.argsort(x * x + y * y + z * z, kind="stable")[:3]
         for lane in range(LANES):
-            found = key[lane::LANES] & PLACE
+            found = key[lane : 3 * LANES : LANES] & PLACE
             if not undecided >> lane & 1:
                 np.testing.assert_array_equal(np.sort(found), np.sort(expected))
                 if not unordered >> lane & 1:

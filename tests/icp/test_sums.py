@@ -100,8 +100,8 @@ def test_keys_are_never_wrong_about_a_bound(scale, room):
     queries = points + away * rng.normal(size=(count, 3))
     work.x[:count], work.y[:count], work.z[:count] = queries.T
     found, distance = np.empty(3 * count, np.int32), np.empty(3 * count)
-    match(reference.tree, lists, 3, np.inf, count, work)
-    measure(reference.tree.points, np.inf, count, 3, work, found, distance)
+    match(lists, np.inf, count, work)
+    measure(lists, np.inf, count, work, found, distance)
     keys = work.links[: 3 * count] >> 32
     unsure = []
     for bound in (*np.quantile(distance, [0.0, 0.1, 0.5, 0.7, 1.0]), 0.0, 1e-30):
