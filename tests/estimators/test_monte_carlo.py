@@ -181,3 +181,22 @@ def test_too_large_a_reduction_is_refused(room_pair):
     few = replace(room_pair, overlapping=np.arange(len(room_pair.source)) < 100)
     with pytest.raises(PerturbationError, match="Hint: partial_overlap must be"):
         estimators.estimate(few, [ALL_ON], estimator(), DEVIATION, STREAMS)
+
+
+@pytest.mark.parametrize(("mask", "expected"), [("redrawn", list(range(12))), ("frozen", [0] * 12)])
+def test_runs_of_one_subsample_may_be_matched_together(register, monkeypatch, mask, expected):
+    """Those of all settings of a noise level, also where some have removed points."""
+    given = []
+    registered = icp.register
+
+    def noted(reference, source, rows, T_initial, chain, packets=None):
+        given.append((rows, packets))
+        return registered(reference, source, rows, T_initial, chain, packets)
+
+    monkeypatch.setattr(icp, "register", noted)
+    removed = Setting.at({**CLEAN.values, "partial_overlap": 0.05})
+    register([CLEAN, POSE_ON, removed], subsampling_mask=mask)
+    ((rows, packets),) = given
+    assert packets == expected * 3
+    for run, packet in zip(rows, packets, strict=True):
+        assert np.isin(run, rows[packet]).all()  # of the clean setting, with all points
