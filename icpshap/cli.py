@@ -4,6 +4,7 @@ Exit status: 0 done, 1 data or options that cannot be used, 2 a wrong command li
 """
 
 import argparse
+import gc
 import os
 import shutil
 import sys
@@ -84,7 +85,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run() -> None:
     """The command as a process of its own: ends it with the exit status."""
+    # What is imported stays. To look through it for garbage, time and again and once more at the
+    # end, took a tenth of an explanation.
+    gc.set_threshold(10_000)
     status = main()
+    gc.freeze()
     if status == STOPPED:
         # Python would wait for the threads, which are in the middle of what nobody wants.
         os._exit(status)

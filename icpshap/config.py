@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from jsonschema import Draft202012Validator
 
 from icpshap import presets, schema, what_if
 from icpshap.causes import CAUSES, MOST, named, shown, variants_of
@@ -155,6 +154,8 @@ def load(config: Mapping[str, Any]) -> Config:
     known = _coerce(known, rules)
     non_finite = dict(_non_finite(known))
     config = {**config, **known}
+    from jsonschema import Draft202012Validator  # loaded where a configuration is read
+
     violations = [
         violation
         for violation in _leaves(Draft202012Validator(rules).iter_errors(config))

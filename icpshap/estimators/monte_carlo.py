@@ -45,7 +45,7 @@ class MonteCarlo(OwnNoise, ChainKind, Runs):
             rows = [run for start in batch for run in start.rows]
             T_initial = np.concatenate([start.T_initial for start in batch])
             # Runs of one number use one subsample, but for points that their settings remove.
-            packets = _alike(batch[0].rows) * len(batch)
+            packets = [id(run) for run in batch[0].rows] * len(batch)
             result = icp.register(reference, batch[0].source, rows, T_initial, chain, packets)
             if self.adds_closed_form:
                 yield from self.closed_forms(group, reference, batch, chain, from_all)
@@ -62,9 +62,3 @@ class MonteCarlo(OwnNoise, ChainKind, Runs):
                     result.rmse[part],
                     result.inlier_ratio[part],
                 )
-
-
-def _alike(rows):
-    """Numbers of the runs (r,), equal for those that are given the same array."""
-    first: dict[int, int] = {}
-    return [first.setdefault(id(run), number) for number, run in enumerate(rows)]

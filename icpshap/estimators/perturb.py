@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 from zlib import crc32
 
@@ -200,8 +200,9 @@ def groups(
     cannot be applied to the pair.
     """
     pair = pair.for_chain(estimator.perturbing.minimum_range)
+    draws_of = cache(lambda branch: Draws(pair, estimator, deviation, streams.branched(branch)))
     for (branch, _), members in _of_one_reference(settings, estimator):
-        draws = Draws(pair, estimator, deviation, streams.branched(branch))
+        draws = draws_of(branch)
         for noise_draw, runs in enumerate(draws.shares()):
             moved = draws.moved(members[0], "reference", noise_draw)
             seen = draws.seen_reference(members[0], moved, noise_draw)
@@ -324,7 +325,8 @@ class Draws:
         self.one_subsample = estimator.kind.one_subsample
         self.deviation = deviation
         self.streams = streams
-        self.subsample = cache(self._subsample)
+        # Of no method of its own, which would keep all masks until the next look for garbage.
+        self.subsample = cache(partial(_subsample, streams, self.perturbing))
         causes = [cause.of_pair(self.pair) for cause in estimator.causes.values()]
         self.moving, self.keeping, self.starting, self.thinning = (
             [cause for cause in causes if cause.hook() == hook] for hook in HOOKS
@@ -476,10 +478,10 @@ class Draws:
         drawn = self.subsample(len(usable), mask)
         return drawn[usable[drawn]]
 
-    def _subsample(self, count, mask):
-        generator = self.streams.generator(f"subsample/{mask}")
-        probability = self.perturbing.subsampling_probability
-        return subsample(count, probability, generator).astype(np.int32)
+
+def _subsample(streams, perturbing, count, mask):
+    generator = streams.generator(f"subsample/{mask}")
+    return subsample(count, perturbing.subsampling_probability, generator).astype(np.int32)
 
 
 @lru_cache(maxsize=2)

@@ -345,7 +345,7 @@ class KeptLinks:
         self.lists = reference.lists(matches)
         self.surface = reference.surface(chain.error_minimiser.needs_normals)
         self.chain = chain
-        self.batch = make_batch(points, positions, packets if matches <= MATCHES else alone)
+        self.batch = make_batch(points, positions, packets if matches in MATCHES else alone)
         self.possible = matches * np.array([len(run) for run in positions])
         self.band = make_band(band_room(self.possible))
         self.threshold = np.full(runs, np.nan)

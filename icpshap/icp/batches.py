@@ -87,7 +87,8 @@ def make_batch(points: Array, positions: Sequence[Array], number: Array) -> Batc
     used.append(np.zeros(LANES, dtype=bool))  # behind the last of a run, a whole vector is read
     used_bytes = np.concatenate(used).view(np.uint8)
     spread = float(np.sqrt((points**2).sum(axis=1).mean()))
-    block_start, packet_start = np.ascontiguousarray(np.swapaxes([block_start, packet_start], 1, 2))
+    # Of one block, the runs follow one another in memory.
+    block_start, packet_start = (np.ascontiguousarray(s.T) for s in (block_start, packet_start))
     packets = Packets(number, joins, packet_start, used_bytes, used_start, spread)
     return Batch(points, np.concatenate(sets), block_start, packets)
 

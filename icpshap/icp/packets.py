@@ -50,10 +50,11 @@ from icpshap.icp.network import (
 )
 
 CANDIDATES = 5
-MATCHES = 3  # at most, of runs in packets
+MATCHES = (1, 3)  # of each query, of runs that are matched together
 NEAR = 0.02  # sides of a coarsest cube: how far from its lead a run may be
 LEAST = 3  # runs of a cluster; fewer take less time alone
 DOUBLES = ir.VectorType(ir.DoubleType(), LANES)
+BYTES = ir.VectorType(ir.IntType(8), LANES)
 LONGS = ir.VectorType(LONG, LANES)
 ROW = ir.VectorType(ir.FloatType(), 4)
 FOURS = ir.VectorType(INTEGER, 4 * LANES)
@@ -165,9 +166,9 @@ def _choose(matches: int) -> Callable:
                 unproven = builder.or_(unproven, builder.fcmp_unordered(">", away, reach))
             pairs = not_surely_ascending(code, smallest, absolute)
             unordered = functools.reduce(builder.or_, pairs)
-            own = ir.VectorType(ir.IntType(8), LANES)
-            mask = code.address(used, builder.add(code.entry(used_start, run), position), own)
-            own = builder.icmp_unsigned("!=", builder.load(mask, align=1), own(0))
+            place_used = builder.add(code.entry(used_start, run), position)
+            own = builder.load(code.address(used, place_used, BYTES), align=1)
+            own = builder.icmp_unsigned("!=", own, BYTES(0))
             parts = []
             for key in smallest[:matches]:
                 found, which = numbers[0], builder.and_(key, INTEGERS(PLACE))
@@ -178,13 +179,10 @@ def _choose(matches: int) -> Callable:
                 key = builder.zext(builder.select(own, key, INTEGERS(int(NEVER))), LONGS)
                 parts.append(builder.or_(builder.shl(key, LONGS(32)), found))
             # Those of a query follow one another.
-            pair = ir.VectorType(INTEGER, 2 * LANES)(list(range(2 * LANES)))
             places = [t * LANES + lane for lane in range(LANES) for t in range(matches)]
-            whole = builder.shuffle_vector(
-                builder.shuffle_vector(parts[0], parts[min(1, matches - 1)], pair),
-                builder.shuffle_vector(parts[-1], parts[-1], pair),
-                ir.VectorType(INTEGER, matches * LANES)(places),
-            )
+            every = code.joined([*parts, parts[-1]])
+            taken = ir.VectorType(INTEGER, len(places))(places)
+            whole = builder.shuffle_vector(every, every, taken)
             address = code.address(links, builder.mul(place, LONG(matches)), whole.type)
             builder.store(whole, address, align=8)
             entry = builder.mul(loop.index, LONG(2))
@@ -195,7 +193,7 @@ def _choose(matches: int) -> Callable:
     return choose
 
 
-_choose_one, _choose_two, _choose_three = map(_choose, range(1, MATCHES + 1))
+_choose_one, _choose_three = map(_choose, MATCHES)
 
 
 def clusters(active: Array, packets: Packets, T: Array, reach: float) -> tuple[Array, Array]:
@@ -293,8 +291,6 @@ def _choose_all(batch, T, order, ends, first, last, begin, lists, work, together
             )
             if lists.matches == 1:
                 _choose_one(*choice)
-            elif lists.matches == 2:
-                _choose_two(*choice)
             else:
                 _choose_three(*choice)
             own = (1 << lanes) - 1

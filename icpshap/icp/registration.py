@@ -27,7 +27,7 @@ from icpshap.icp.order import spatial
 from icpshap.icp.reference import Reference, checked_points
 
 STATUS = ("ok", "max_iterations", "too_few_links", "degenerate")
-BATCH_BYTES = 250_000_000  # of the positions, bands and past of the runs of a batch
+BATCH_BYTES = 170_000_000  # of the positions, bands and past of the runs of a batch
 RUN_BYTES = 1_100  # of the poses and sums of a run
 
 
