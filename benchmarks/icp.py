@@ -373,14 +373,20 @@ def gains(scale, repeat=2):
         for library in (before, LIBRARY):
             measure("job", folder, "level", 1, library=library)  # fills the compilation cache
         for kind in ("pair", "clean", "noisy"):
-            turns = [
-                [measure("job", folder, kind, library=one)["total"] for one in (before, LIBRARY)]
+            jobs = [
+                [measure("job", folder, kind, library=one) for one in (before, LIBRARY)]
                 for _ in range(repeat)
             ]
-            then, now = np.min(turns, axis=0)
-            figures["gain_pair" if kind == "pair" else f"gain_grid_{kind}"] = then / now
-            rows.append((kind, then, now, then / now))
-    heading = ("job", f"CPU s at {BEFORE}", "CPU s", "gain")
+            then, now = (
+                min(turns, key=lambda job: job["total"]) for turns in zip(*jobs, strict=True)
+            )
+            gain = then["total"] / now["total"]
+            figures["gain_pair" if kind == "pair" else f"gain_grid_{kind}"] = gain
+            beside = [job["total"] * job["overhead"] for job in (then, now)]
+            peak = [round(job["peak_memory_mb"]) for job in (then, now)]
+            rows.append((kind, then["total"], now["total"], gain, *beside, *peak))
+    heading = ("job", f"CPU s at {BEFORE}", "CPU s", "gain", "not ICP iterations, s, then", "now")
+    heading += ("peak memory, MB, then", "now")
     table("Jobs of the paper on 367,000 points, before and now", heading, rows)
     return figures
 

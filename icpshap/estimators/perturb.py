@@ -200,7 +200,11 @@ def groups(
     cannot be applied to the pair.
     """
     pair = pair.for_chain(estimator.perturbing.minimum_range)
-    draws_of = cache(lambda branch: Draws(pair, estimator, deviation, streams.branched(branch)))
+
+    @lru_cache(maxsize=2)  # few: of each branch, they hold the subsamples
+    def draws_of(branch):
+        return Draws(pair, estimator, deviation, streams.branched(branch))
+
     for (branch, _), members in _of_one_reference(settings, estimator):
         draws = draws_of(branch)
         for noise_draw, runs in enumerate(draws.shares()):

@@ -2,9 +2,10 @@
 
 Idea: the outer loop goes over neighbourhoods of source points, the inner one over runs, so that
 the part of the reference near a neighbourhood is read from memory once and then serves every run.
-Its size is such that all queries of one fit into the cache; they are matched together (`matching`),
-the link lengths decide which links are kept (`trimming`), and the runs, several at a time, add
-these to their sums (`lanes`), of what the error metric says (`minimisers`).
+Its size is such that all queries of one fit into the cache. They are matched together (`matching`),
+those of runs near one another by what one of these has found (`packets`); the link lengths decide
+which links are kept (`trimming`), and the runs, several at a time, add these to their sums
+(`lanes`), of what the error metric says (`minimisers`).
 
 Whether a link is kept is read off its key, and its length is computed only where the key leaves
 that open, or where the link is in the band.

@@ -81,6 +81,57 @@ def together(queries: int, runs: int, matches: int) -> Together:
     return Together(work_arrays(queries, matches), near, unsure, failed, source, few)
 
 
+def _rows_at(code, array, places):
+    """Columns of rows of four single-precision numbers; each lane's row begins at its place."""
+    rows = []
+    for lane in range(LANES):
+        place = code.builder.extract_element(places, INTEGER(lane))
+        rows.append(code.builder.load(code.address(array, place, ROW), align=4))
+    return list(code.columns(code.joined(rows), 4))
+
+
+def _moved(code, points, T, run):
+    """Points (x, y, z), moved by T[run]: by the operations of `matching.move`, in their order."""
+    builder = code.builder
+    for axis in range(3):
+        places = (LONG(4 * axis + column) for column in range(4))
+        entries = [code.entry(T, builder.add(builder.mul(run, LONG(16)), at)) for at in places]
+        *factors, shift = (code.in_all_lanes(entry, DOUBLES) for entry in entries)
+        terms = [builder.fmul(a, b) for a, b in zip(factors, points, strict=True)]
+        yield functools.reduce(builder.fadd, [*terms, shift])
+
+
+def _nearest(builder, query, candidates, ranks):
+    """Keys of the nearest candidates, ascending; their places are numbers among the candidates."""
+    smallest: list[ir.Value] = []
+    for number, candidate in enumerate(candidates):
+        key = builder.bitcast(squared_distance(builder, query, candidate), INTEGERS)
+        key = builder.or_(builder.and_(key, INTEGERS(~PLACE)), INTEGERS(number))
+        ranked = []
+        for kept in smallest:
+            less = builder.icmp_signed("<", key, kept)
+            ranked.append(builder.select(less, key, kept))
+            key = builder.select(less, kept, key)
+        smallest = [*ranked, key][:ranks]
+    return smallest
+
+
+def _links(code, keys, numbers, own):
+    """`Work.links` of the lanes, those of a query one after the other; of none that is not own."""
+    builder, parts = code.builder, []
+    for key in keys:
+        found, which = numbers[0], builder.and_(key, INTEGERS(PLACE))
+        for number in range(1, CANDIDATES):
+            same = builder.icmp_signed("==", which, INTEGERS(number))
+            found = builder.select(same, numbers[number], found)
+        found = builder.zext(builder.select(own, found, INTEGERS(-1)), LONGS)
+        key = builder.zext(builder.select(own, key, INTEGERS(int(NEVER))), LONGS)
+        parts.append(builder.or_(builder.shl(key, LONGS(32)), found))
+    places = [t * LANES + lane for lane in range(LANES) for t in range(len(keys))]
+    every = code.joined([*parts, parts[-1]])
+    return builder.shuffle_vector(every, every, ir.VectorType(INTEGER, len(places))(places))
+
+
 def _choose(matches: int) -> Callable:
     """A compiled function: LANES queries of each run of a cluster, and their links.
 
@@ -103,15 +154,6 @@ def _choose(matches: int) -> Callable:
         lead_x, lead_y, lead_z, coarse, records, source, T, order, first, last, *rest = rest
         begin, offset, used, used_start, position, largest, x, y, z, links, unsure = rest
         code.align_stack(REALS)
-
-        def rows_at(array, places):
-            """Columns of rows of four, of which each lane's begins at a place in an array."""
-            rows = []
-            for lane in range(LANES):
-                place = builder.extract_element(places, INTEGER(lane))
-                rows.append(builder.load(code.address(array, place, ROW), align=4))
-            return list(code.columns(code.joined(rows), 4))
-
         known = []
         for number in range(2):
             row = builder.add(lead, builder.mul(room, LONG(number)))
@@ -119,9 +161,11 @@ def _choose(matches: int) -> Callable:
             known += code.columns(builder.load(address, align=4), 4)
         *numbers, record, sixth, _ = known
         candidates = [
-            rows_at(coarse, builder.mul(builder.zext(row, LONGS), LONGS(4)))[:3] for row in numbers
+            _rows_at(code, coarse, builder.mul(builder.zext(row, LONGS), LONGS(4)))[:3]
+            for row in numbers
         ]
-        *centre, half = rows_at(records, builder.add(builder.zext(record, LONGS), LONGS(CUBE)))
+        cube = builder.add(builder.zext(record, LONGS), LONGS(CUBE))
+        *centre, half = _rows_at(code, records, cube)
         origin = [
             builder.fptrunc(builder.load(code.address(axis, lead, DOUBLES), align=8), REALS)
             for axis in (lead_x, lead_y, lead_z)
@@ -137,54 +181,23 @@ def _choose(matches: int) -> Callable:
         with cgutils.for_range(builder, builder.sub(last, first)) as loop:
             run = code.entry(order, builder.add(first, loop.index))
             place, query = builder.add(code.entry(begin, run), offset), []
-            for axis, moved in enumerate((x, y, z)):
-                # By the operations of `matching.move`, in the same order.
-                entries = [
-                    code.entry(T, builder.add(builder.mul(run, LONG(16)), LONG(4 * axis + column)))
-                    for column in range(4)
-                ]
-                *factors, shift = (code.in_all_lanes(entry, DOUBLES) for entry in entries)
-                terms = [builder.fmul(a, b) for a, b in zip(factors, points, strict=True)]
-                value = functools.reduce(builder.fadd, [*terms, shift])
-                builder.store(value, code.address(moved, place, DOUBLES), align=8)
+            for axis, value in zip((x, y, z), _moved(code, points, T, run), strict=True):
+                builder.store(value, code.address(axis, place, DOUBLES), align=8)
                 query.append(builder.fptrunc(value, REALS))
-            smallest: list[ir.Value] = []
-            for number, candidate in enumerate(candidates):
-                key = builder.bitcast(squared_distance(builder, query, candidate), INTEGERS)
-                key = builder.or_(builder.and_(key, INTEGERS(~PLACE)), INTEGERS(number))
-                ranked = []
-                for kept in smallest:
-                    less = builder.icmp_signed("<", key, kept)
-                    ranked.append(builder.select(less, key, kept))
-                    key = builder.select(less, kept, key)
-                smallest = [*ranked, key][: matches + 1]
-            last_length = length(code, without_place(builder, smallest[matches - 1]))
+            keys = _nearest(builder, query, candidates, matches + 1)
+            farthest = length(code, without_place(builder, keys[matches - 1]))
             apart = length(code, squared_distance(builder, query, origin))
-            unproven = builder.fcmp_unordered(">=", builder.fadd(last_length, apart), bound)
+            unproven = builder.fcmp_unordered(">=", builder.fadd(farthest, apart), bound)
             for a, b in zip(query, centre, strict=True):
                 away = code.operation(f"llvm.fabs.v{LANES}f32", REALS, builder.fsub(a, b))
                 unproven = builder.or_(unproven, builder.fcmp_unordered(">", away, reach))
-            pairs = not_surely_ascending(code, smallest, absolute)
-            unordered = functools.reduce(builder.or_, pairs)
+            unordered = functools.reduce(builder.or_, not_surely_ascending(code, keys, absolute))
             place_used = builder.add(code.entry(used_start, run), position)
             own = builder.load(code.address(used, place_used, BYTES), align=1)
             own = builder.icmp_unsigned("!=", own, BYTES(0))
-            parts = []
-            for key in smallest[:matches]:
-                found, which = numbers[0], builder.and_(key, INTEGERS(PLACE))
-                for number in range(1, CANDIDATES):
-                    same = builder.icmp_signed("==", which, INTEGERS(number))
-                    found = builder.select(same, numbers[number], found)
-                found = builder.zext(builder.select(own, found, INTEGERS(-1)), LONGS)
-                key = builder.zext(builder.select(own, key, INTEGERS(int(NEVER))), LONGS)
-                parts.append(builder.or_(builder.shl(key, LONGS(32)), found))
-            # Those of a query follow one another.
-            places = [t * LANES + lane for lane in range(LANES) for t in range(matches)]
-            every = code.joined([*parts, parts[-1]])
-            taken = ir.VectorType(INTEGER, len(places))(places)
-            whole = builder.shuffle_vector(every, every, taken)
-            address = code.address(links, builder.mul(place, LONG(matches)), whole.type)
-            builder.store(whole, address, align=8)
+            found = _links(code, keys[:matches], numbers, own)
+            address = code.address(links, builder.mul(place, LONG(matches)), found.type)
+            builder.store(found, address, align=8)
             entry = builder.mul(loop.index, LONG(2))
             for number, which in enumerate((unproven, unordered)):
                 bits = code.bits(builder.and_(which, own))
