@@ -115,7 +115,7 @@ def _decide(lists, limit, positions, work, active, queries, band, sums, rows):
                 if found < 0:
                     continue
                 query = link // matches
-                d2 = squared_distance(points, np.int64(found), x[query], y[query], z[query])
+                d2 = squared_distance(points, np.uint64(found), x[query], y[query], z[query])
                 if d2 > limit:
                     continue
                 made += key >= made_key
@@ -211,7 +211,7 @@ def accumulate(
         sums.links[run] = 0
         band.number[run] = 0
     blocks = batch.block_start.shape[0] - 1
-    first = last = 0
+    first = last = np.int64(0)  # of a literal, numba compiles what it is given to twice
     while last < blocks:
         first, count = last, 0
         while last < blocks and count <= work.where.shape[0]:
@@ -298,7 +298,7 @@ def settle(
     """
     _find_thresholds(active, rank, band, sums, threshold)
     runs, spare = T.shape[0], LANES * PART
-    x, y, z = np.zeros((3, spare + 1))
+    x, y, z = np.zeros(spare + 1), np.zeros(spare + 1), np.zeros(spare + 1)
     rows = np.full(spare + 1, surface.shape[0] - 1, np.int32)
     positions = np.empty(PART, np.int32)
     lane_run, entry, end, number = np.zeros((4, LANES), np.int64)

@@ -155,7 +155,7 @@ def nearest(
     depth = 1
     while depth > 0:
         depth -= 1
-        node = stack[depth]
+        node = np.int64(stack[depth])
         least = box_distance(box, node, x, y, z)
         if not _before(least, lowest[node], distance[last], found[last], rows):
             continue
@@ -190,7 +190,7 @@ def within(
     depth = 1
     while depth > 0:
         depth -= 1
-        node = stack[depth]
+        node = np.int64(stack[depth])
         if box_distance(box, node, x, y, z) > limit:
             continue
         first, end = part[node, 0], part[node, 1]

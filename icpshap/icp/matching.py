@@ -167,7 +167,7 @@ def visit(lists: Lists, work: Work, group: int, groups: int, queries: int) -> tu
     records, group_list = lists.records, work.group_list
     for line in range(LINES_AHEAD):
         prefetch(records, group_list[min(group + GROUPS_AHEAD, groups - 1)] + 16 * line)
-    record = group_list[group]
+    record = np.int64(group_list[group])
     length = records[record]
     if length > SHORT:
         scanned = records[record + 1] + length * queries
@@ -196,7 +196,7 @@ def _read_lists(lists, limit, count, work, few):
     few = few[: 1 if matches == 1 else 3 if matches <= 3 else 5]
     for i in range(count):
         if where[i] < 0:
-            _search(lists, work, i, limit)
+            _search(lists, work, np.uint64(i), limit)
     groups = sort_by_list(records, count, work)
     begin = 0
     for group in range(groups):
@@ -205,7 +205,7 @@ def _read_lists(lists, limit, count, work, few):
         first = record + HEADER
         if length > LONGEST:
             for row in range(begin, end):
-                _search(lists, work, number[row, 3], limit)
+                _search(lists, work, np.uint64(number[row, 3]), limit)
             begin = end
         while begin < end:
             queries = (coarse, records, first, length, ordered, begin, largest, nearest)

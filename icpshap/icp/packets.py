@@ -320,7 +320,7 @@ def _choose_all(batch, T, order, ends, first, last, begin, lists, work, together
                     unordered &= unordered - 1
                     for c in range(CANDIDATES):
                         together.few[c] = near[c >> 2, lead + lane, c & 3]
-                    scan(lists, work, query + lane, together.few)
+                    scan(lists, work, np.uint64(query + lane), together.few)
             lead += lanes
     return failures
 

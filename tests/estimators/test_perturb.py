@@ -1,5 +1,6 @@
 """The seam: streams, subsamples, and what estimators get of a setting."""
 
+import weakref
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -29,6 +30,15 @@ def draws(pair, names=NAMES, **values):
 def groups(pair, settings, names=NAMES, **values):
     estimator = Estimator.of("monte_carlo", values).of_causes(names)
     return list(perturb.groups(pair, settings, estimator, DEVIATION, STREAMS))
+
+
+def test_the_memory_of_subsamples_is_given_back_at_once(room_pair):
+    """Not when Python next looks for garbage: those of a large scan are gigabytes."""
+    found = draws(room_pair, subsampling_probability=0.5)
+    assert len(found.rows(np.ones(len(room_pair.source), dtype=bool), np.arange(3))) == 3
+    left = weakref.ref(found)
+    del found
+    assert left() is None
 
 
 def test_the_deviation_is_the_root_of_equation_4():
