@@ -314,7 +314,7 @@ def subsample(count: int, probability: float, generator: np.random.Generator) ->
     while rows[-1] < count:
         more = np.cumsum(generator.geometric(probability, size))
         rows = np.concatenate([rows, rows[-1] + more])
-    return rows[rows < count]
+    return rows[: np.searchsorted(rows, count)]
 
 
 class Draws:
