@@ -85,11 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run() -> None:
     """The command as a process of its own: ends it with the exit status."""
-    # What is imported stays. To look through it for garbage, time and again and once more at the
-    # end, took a tenth of an explanation.
-    gc.set_threshold(10_000)
     status = main()
-    gc.freeze()
     if status == STOPPED:
         # Python would wait for the threads, which are in the middle of what nobody wants.
         os._exit(status)
@@ -108,6 +104,9 @@ def _explain(given: argparse.Namespace) -> None:
     from icpshap.one_pair.explanation import writable
     from icpshap.one_pair.recipe import explain
 
+    # What is imported by now stays. To look through it for garbage once more at the end took a
+    # tenth of an explanation; a user's module comes later, and what it has open is closed as ever.
+    gc.freeze()
     _remarks(given.quiet)
     _require_places(given)
     reference, source = _scans(given)

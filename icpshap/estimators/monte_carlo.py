@@ -45,7 +45,7 @@ class MonteCarlo(OwnNoise, ChainKind, Runs):
             rows = [run for start in batch for run in start.rows]
             T_initial = np.concatenate([start.T_initial for start in batch])
             # Runs of one number use one subsample, but for points that their settings remove.
-            packets = [id(run) for run in batch[0].rows] * len(batch)
+            packets = icp.numbered(batch[0].rows) * len(batch)
             result = icp.register(reference, batch[0].source, rows, T_initial, chain, packets)
             if self.adds_closed_form:
                 yield from self.closed_forms(group, reference, batch, chain, from_all)

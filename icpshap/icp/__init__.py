@@ -7,6 +7,7 @@
 How fast it is, and why: docs/engine.md.
 """
 
+from icpshap.icp.batches import numbered
 from icpshap.icp.chain import Chain, Stopping, Trimmed
 from icpshap.icp.minimisers import PointToPlane, PointToPoint
 from icpshap.icp.nearest import Matcher
@@ -24,5 +25,6 @@ __all__ = [
     "Stopping",
     "Trimmed",
     "minimum_range",
+    "numbered",
     "register",
 ]

@@ -60,6 +60,12 @@ def once_each(function: Callable[[Array], Made], arrays: Sequence[Array]) -> lis
     return [results[id(array)] for array in arrays]
 
 
+def numbered(arrays: Sequence[Array]) -> list[int]:
+    """A number for each array, equal for those that are the same object."""
+    number = {id(array): place for place, array in enumerate(arrays)}
+    return [number[id(array)] for array in arrays]
+
+
 def make_batch(points: Array, positions: Sequence[Array], number: Array) -> Batch:
     """Batch of spatially ordered points (m, 3) and R ascending int32 arrays of positions.
 

@@ -16,6 +16,9 @@ other; one that passes, but whose order is not sure, has the full distances of t
 Points of the packet that a run does not use have no links. So no byte of a run depends on which
 others are in its packet.
 
+Runs of one or of three matches a point choose; with another number, as no preset has it, each is
+matched alone.
+
 Measured: docs/engine.md.
 """
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from icpshap.icp.accumulation import BAND_LINK, QUERIES, KeptLinks, accumulate, band_room
-from icpshap.icp.batches import BLOCK, once_each
+from icpshap.icp.batches import BLOCK, numbered, once_each
 from icpshap.icp.chain import Chain
 from icpshap.icp.circles import Circles
 from icpshap.icp.compiled import Array, announce_compilation, jit
@@ -67,7 +67,7 @@ def register(
     source = checked_points(source, "source cloud")
     rows, T_initial = _checked_runs(rows, T_initial, len(source))
     announce_compilation(accumulate)
-    number = _checked_packets([id(run) for run in rows] if packets is None else packets, len(rows))
+    number = _checked_packets(numbered(rows) if packets is None else packets, len(rows))
     sequence = np.argsort(number, kind="stable")
     rows, number = [rows[run] for run in sequence], number[sequence]
     used = np.zeros(len(source), dtype=bool)

@@ -174,6 +174,23 @@ def run(arguments, cwd, **options):
     return subprocess.run(command, cwd=cwd, capture_output=True, check=False, **options)
 
 
+def test_what_a_user_s_module_has_written_is_on_disk_at_the_end(files):
+    """Also where it closes no file: Python does, unless what it holds is taken to stay."""
+    (files / "noting.py").write_text(
+        "calls = open('calls.log', 'w')\n"
+        "def register(reference, source, T_initial):\n"
+        "    calls.write('called\\n')\n"
+        "    return T_initial\n"
+    )
+    arguments = ["explain", "reference.npy", "source.npy", "--transform", "T.txt", "--json"]
+    done = run([*arguments, "--register", "noting:register"], files, env=THERE)
+    assert done.returncode == 0, done.stderr
+    calls = (files / "calls.log").read_text().split("\n")
+    assert set(calls[:-1]) == {"called"}
+    assert calls[-1] == ""
+    assert len(calls[:-1]) == 901  # of nine settings, and once before
+
+
 def test_letters_that_the_terminal_does_not_know_are_replaced(files):
     done = run(["fit", "--help"], files, env={**THERE, "PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0
