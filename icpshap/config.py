@@ -142,6 +142,8 @@ def load(config: Mapping[str, Any]) -> Config:
     ``1e-3`` arrive; so are integers written like 1e2. Raises ConfigError with one line for every
     error.
     """
+    from jsonschema import Draft202012Validator  # loaded where a configuration is read
+
     config = _with_here(config)
     changed = _changed_estimators(config)
     if changed:
@@ -154,8 +156,6 @@ def load(config: Mapping[str, Any]) -> Config:
     known = _coerce(known, rules)
     non_finite = dict(_non_finite(known))
     config = {**config, **known}
-    from jsonschema import Draft202012Validator  # loaded where a configuration is read
-
     violations = [
         violation
         for violation in _leaves(Draft202012Validator(rules).iter_errors(config))

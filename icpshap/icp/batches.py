@@ -82,7 +82,7 @@ def make_batch(points: Array, positions: Sequence[Array], number: Array) -> Batc
     for first, last in itertools.pairwise([0, *ends]):
         if last - first > 1:
             members = slice(first, last)
-            every = _used_by_any(positions[members], len(points))
+            every = used_by_any(positions[members], len(points))
             packet_start[members] = _append(every, sets) + np.searchsorted(every, edges)
             # Only of runs that join: masks of others can be far larger than their positions.
             joins[members] = [len(run) >= max(SHARE * len(every), 1) for run in positions[members]]
@@ -105,10 +105,10 @@ def _append(part, parts):
     return sum(map(len, parts[:-1]))
 
 
-def _used_by_any(positions, points):
-    """Positions (k,) int32 that any run uses, of that many."""
+def used_by_any(runs: Sequence[Array], points: int) -> Array:
+    """Which of that many points any of the runs uses (k,) int32, ascending."""
     marked = np.zeros(points, dtype=bool)
-    for run in positions:
+    for run in {id(run): run for run in runs}.values():
         marked[run] = True
     return np.flatnonzero(marked).astype(np.int32)
 

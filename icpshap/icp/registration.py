@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from icpshap.icp.accumulation import BAND_LINK, QUERIES, KeptLinks, accumulate, band_room
-from icpshap.icp.batches import BLOCK, numbered, once_each
+from icpshap.icp.batches import BLOCK, numbered, once_each, used_by_any
 from icpshap.icp.chain import Chain
 from icpshap.icp.circles import Circles
 from icpshap.icp.compiled import Array, announce_compilation, jit
@@ -70,11 +70,9 @@ def register(
     number = _checked_packets(numbered(rows) if packets is None else packets, len(rows))
     sequence = np.argsort(number, kind="stable")
     rows, number = [rows[run] for run in sequence], number[sequence]
-    used = np.zeros(len(source), dtype=bool)
-    for run in {id(run): run for run in rows}.values():
-        used[run] = True
-    used[0] |= not used.any()  # a cloud is not empty, whatever is used of it
-    order = spatial(source, np.flatnonzero(used))
+    used = used_by_any(rows, len(source))
+    # A cloud is not empty, whatever is used of it.
+    order = spatial(source, used if len(used) else np.zeros(1, dtype=np.int32))
     position = np.empty(len(source), dtype=np.int32)
     position[order] = np.arange(len(order), dtype=np.int32)
     source = source[order]
